@@ -1,0 +1,47 @@
+"""The record that leaves the body stage: the subject's skin and segment sizes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Body:
+    """A subject's body in the neutral pose (all joint angles zero), OpenSim axes.
+
+    Attributes:
+        model: Name of the body model, e.g. ``"anny-lite"``.
+        mass_kg: Mass [kg].
+        height_m: Height [m].
+        scaled_bodies: Names of the skeleton's bodies.
+        segment_scales: Scale of each body along its own axes against the default skeleton [-].
+        shape: Shape coefficients of the body model [-].
+        vertices: Skin in the neutral pose [m], pelvis origin of the scaled skeleton at the origin.
+        triangles: Skin triangles, outward.
+        bones: Names of the rigid bodies that carry the skin (names of the skeleton's bodies).
+        bone_weights: Smoothed skinning weights [-]; rows sum to one.
+        joint_names: ``hip_r, knee_r, ankle_r, hip_l, knee_l, ankle_l``.
+        joint_centres: Joint centres in the neutral pose [m] (those of the scaled skeleton).
+        fit_error_mm: How far the body model's own joint centres were from them before they were moved [mm].
+        height_error_mm: Height of the skin less the subject's height [mm].
+    """
+
+    model: str
+    mass_kg: float
+    height_m: float
+    scaled_bodies: tuple[str, ...]
+    segment_scales: Float[Array, "body 3"]
+    shape: Float[Array, " coefficient"]
+    vertices: Float[Array, "vertex 3"]
+    triangles: Int[Array, "triangle 3"]
+    bones: tuple[str, ...]
+    bone_weights: Float[Array, "vertex bone"]
+    joint_names: tuple[str, ...]
+    joint_centres: Float[Array, "joint 3"]
+    fit_error_mm: Float[Array, " joint"]
+    height_error_mm: float

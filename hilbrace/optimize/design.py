@@ -1,0 +1,75 @@
+"""The record that leaves the optimizer: the field, what it means, and how it was reached."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+Array = np.ndarray
+
+LOSSES = ("joint_stability", "elastic_energy", "compliance", "volume", "seam")
+"""L1..L5 of the paper's loss table, in order."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """An optimized distribution of the design variable on the domain.
+
+    Attributes:
+        seed: Seed of the run.
+        iterations: Iterations done.
+        parameters: Free parameters of the field (the weights of the Gaussians before the hyperplane).
+        d_triangle: Design variable at triangle centres, in [0, 1] [-].
+        d_vertex: Design variable at the cut vertices [-].
+        width_triangle: Cell-space strut half width (``f_cell <= width``) at triangle centres [-].
+        width_vertex: The same at the cut vertices [-].
+        youngs_modulus: Effective modulus per triangle [MPa].
+        volume_fraction_triangle: Volume fraction per triangle [-].
+        firm_triangle: Segmentation, 1 firm and 0 soft, smoothed [-].
+        firm_vertex: The same at the closed mesh's vertices [-].
+        rim: Triangles that stay solid.
+        energy_density: Worst elastic energy density over the motion for unit modulus, per triangle [-].
+        history: Loss terms per iteration, normalised, columns as `LOSSES`, last column the total.
+        losses_initial: Unnormalised L1..L5 of the first iteration.
+        losses_final: Unnormalised L1..L5 of the last.
+        stiffness: Brace stiffness about (flexion, adduction, rotation) [N*m/deg].
+        stiffness_uniform: The same for a uniform design of the same volume [N*m/deg].
+        stiffness_flexions: Flexion of the postures in which the stiffness was evaluated [rad].
+        stiffness_posed: Stiffness about (flexion, adduction, rotation) in each posture [N*m/deg].
+        stiffness_posed_uniform: The same for the uniform design [N*m/deg].
+        angle_change: Predicted change of (flexion, adduction, rotation) per frame [rad]; a model's
+            prediction, not a measurement.
+        reaction_upper: Force of the brace's support at the upper loop per frame [N].
+        reaction_lower: The same at the lower loop [N].
+        volume_fraction: Mean volume fraction [-].
+        volume_fraction_uniform: That of the uniform design [-].
+    """
+
+    seed: int
+    iterations: int
+    parameters: Float[Array, "row column"]
+    d_triangle: Float[Array, " triangle"]
+    d_vertex: Float[Array, " cut_vertex"]
+    width_triangle: Float[Array, " triangle"]
+    width_vertex: Float[Array, " cut_vertex"]
+    youngs_modulus: Float[Array, " triangle"]
+    volume_fraction_triangle: Float[Array, " triangle"]
+    firm_triangle: Float[Array, " triangle"]
+    firm_vertex: Float[Array, " vertex"]
+    rim: Bool[Array, " triangle"]
+    energy_density: Float[Array, " triangle"]
+    history: Float[Array, "iteration term"]
+    losses_initial: Float[Array, " loss"]
+    losses_final: Float[Array, " loss"]
+    stiffness: Float[Array, "3"]
+    stiffness_uniform: Float[Array, "3"]
+    stiffness_flexions: Float[Array, " posture"]
+    stiffness_posed: Float[Array, "posture 3"]
+    stiffness_posed_uniform: Float[Array, "posture 3"]
+    angle_change: Float[Array, "frame 3"]
+    reaction_upper: Float[Array, "frame 3"]
+    reaction_lower: Float[Array, "frame 3"]
+    volume_fraction: float
+    volume_fraction_uniform: float

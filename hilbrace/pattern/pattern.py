@@ -1,0 +1,68 @@
+"""The record that leaves the pattern stage: the struts as a surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """The clipped pattern on the skin, ready to be thickened. Same frame and unit as the domain [mm].
+
+    Attributes:
+        vertices: Positions on the skin [mm].
+        normals: Outward unit normals, interpolated from the smooth skin [-].
+        triangles: Triangles of the struts, outward.
+        strut_width_min_mm: Narrowest strut left [mm].
+        strut_width_median_mm: Median strut width [mm].
+        islands_dropped: Pieces that hung on nothing and were removed.
+        area_fraction: Area of the struts over the area of the skin [-].
+        level_shift: Constant added to the strut half width so that the area fraction is the design's [-].
+    """
+
+    vertices: Float[Array, "vertex 3"]
+    normals: Float[Array, "vertex 3"]
+    triangles: Int[Array, "triangle 3"]
+    strut_width_min_mm: float
+    strut_width_median_mm: float
+    islands_dropped: int
+    area_fraction: float
+    level_shift: float
+
+
+@dataclass(frozen=True)
+class Solid:
+    """The brace as a closed body [mm].
+
+    Attributes:
+        vertices: Positions [mm].
+        triangles: Triangles, outward.
+        thickness_mm: Nominal thickness [mm].
+        volume_mm3: Volume [mm^3].
+        mass_g: Mass of the casting [g].
+        parts: Connected pieces.
+        watertight: Every edge has two triangles and the winding is consistent.
+        manifold_status: Status that manifold3d gives, ``"NoError"`` when sound.
+        genus: Number of handles.
+        expected_volume_mm3: Mid-surface area times volume fraction times thickness [mm^3].
+        thickness_p01_mm: First percentile of the measured thickness [mm].
+        folded_triangles: Outer triangles turned against their inner ones by the offset.
+    """
+
+    vertices: Float[Array, "vertex 3"]
+    triangles: Int[Array, "triangle 3"]
+    thickness_mm: float
+    volume_mm3: float
+    mass_g: float
+    parts: int
+    watertight: bool
+    manifold_status: str
+    genus: int
+    expected_volume_mm3: float
+    thickness_p01_mm: float
+    folded_triangles: int

@@ -1,0 +1,1 @@
+"""The musculoskeletal model as figures, its kinematics and its scaling; no OpenSim."""

@@ -163,8 +163,7 @@ def read_config(path: Path, overrides: dict[str, str] | None = None) -> Config:
         raise ConfigError("no such file", where=str(path), hint="check the path, or start from `hilbrace demo`") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
         raise ConfigError(f"not valid TOML: {fault}", where=str(path), hint="mend the line named") from None
-    for key, text in (overrides or {}).items():
-        _set(content, key, text)
+    apply_overrides(content, overrides or {})
     config = parse_config(content, str(path))
     return _absolute(config, path.parent)
 
@@ -179,6 +178,20 @@ def parse_config(content: dict[str, Any], where: str) -> Config:
         return Config.model_validate(content)
     except ValidationError as fault:
         raise _explain(fault, where) from None
+
+
+def apply_overrides(content: dict[str, Any], overrides: dict[str, str]) -> None:
+    """Write values by dotted key into a TOML document, as ``--set`` does.
+
+    Args:
+        content: The document; changed in place.
+        overrides: Values as TOML texts; what is no TOML value is taken as a string.
+
+    Raises:
+        ConfigError: A key names no section.
+    """
+    for key, text in overrides.items():
+        _set(content, key, text)
 
 
 def known_keys(section: type[BaseModel] = Config, prefix: str = "") -> list[str]:

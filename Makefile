@@ -1,0 +1,41 @@
+# make demo   creates .venv, installs, runs the built-in subject through the whole chain, says where the report is
+# make test   the same installation, then lint, types, import contract and tests
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+OUT ?= hilbrace-demo
+
+.PHONY: demo test install lint types contract unit clean
+
+demo: $(VENV)/.installed
+	$(BIN)/hilbrace demo --out $(OUT)
+
+test: $(VENV)/.installed-dev lint types contract unit
+
+install: $(VENV)/.installed
+
+$(VENV)/.installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable .
+	touch $@
+
+$(VENV)/.installed-dev: $(VENV)/.installed
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	touch $@
+
+lint:
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types:
+	$(BIN)/basedpyright
+
+contract:
+	$(BIN)/lint-imports
+
+unit:
+	$(BIN)/pytest -q
+
+clean:
+	rm -rf $(VENV) $(OUT)

@@ -1,0 +1,173 @@
+"""The command line: ``hilbrace demo | run | show | doctor``.
+
+Only the chosen command's own modules are imported, so that ``--help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from hilbrace import __version__
+from hilbrace.errors import ConfigError, HilbraceError
+
+STAGES = ("motion", "body", "biomech", "domain", "optimize", "pattern", "solid", "report")
+
+DISCLAIMER = "Research software, not a medical device."
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; errors print as two lines on standard error.
+
+    Args:
+        arguments: The words after ``hilbrace``; those of the process if left out.
+
+    Returns:
+        0, or the exit code of the named error; 130 when interrupted.
+    """
+    options = _parser().parse_args(arguments)
+    _repeatable_arithmetic()
+    try:
+        return int(options.command(options))
+    except HilbraceError as fault:
+        if getattr(options, "json", False):
+            _print_json({"error": type(fault).__name__, "what": fault.what, "where": fault.where, "mend": fault.hint})
+        sys.stderr.write(fault.two_lines() + "\n")
+        return fault.exit_code
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted; the same command goes on from the last checkpoint\n")
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="hilbrace",
+        description=f"Design soft prophylactic braces from human motion. {DISCLAIMER}",
+        epilog="example: hilbrace demo --quick --out my-first-brace",
+    )
+    parser.add_argument("--version", action="version", version=f"hilbrace {__version__}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    demo = _command(
+        commands, "demo", _demo, "the whole chain on the built-in synthetic subject",
+        "hilbrace demo --quick --out my-first-brace",
+    )  # fmt: skip
+    demo.add_argument("--quick", action="store_true", help="coarser mesh and fewer iterations, about a minute")
+    demo.add_argument(
+        "--motion", choices=("serve", "gait", "squat"), default="serve", help="synthetic motion (default: serve)"
+    )
+    _run_options(demo, default_out="hilbrace-demo")
+
+    run = _command(
+        commands, "run", _run, "run the stages of a run.toml, only what changed",
+        "hilbrace run my-study/run.toml --out my-study/left-knee --set domain.side=right",
+    )  # fmt: skip
+    run.add_argument("source", type=Path, metavar="FOLDER|run.toml", help="run folder, or a configuration file")
+    _run_options(run, default_out=None)
+
+    show = _command(commands, "show", _show, "what came out of a run folder", "hilbrace show hilbrace-demo")
+    show.add_argument("folder", type=Path, metavar="FOLDER", help="run folder")
+    show.add_argument("--json", action="store_true", help="print metrics.json instead of the table")
+
+    doctor = _command(commands, "doctor", _doctor, "versions, backends, threads and memory", "hilbrace doctor")
+    doctor.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    return parser
+
+
+def _command(commands: Any, name: str, action: Any, text: str, example: str) -> argparse.ArgumentParser:
+    command = commands.add_parser(
+        name, help=text, description=text[0].upper() + text[1:] + ".", epilog=f"example: {example}"
+    )
+    command.set_defaults(command=action)
+    return command
+
+
+def _run_options(command: argparse.ArgumentParser, default_out: str | None) -> None:
+    where = f"default: {default_out}" if default_out else "default: the folder, or runs/<name of the file's folder>"
+    command.add_argument("--out", type=Path, metavar="DIR", default=default_out, help=f"run folder ({where})")
+    command.add_argument("--until", choices=STAGES, default=STAGES[-1], help="last stage to run (default: all)")
+    command.add_argument(
+        "--set", action="append", default=[], metavar="A.B=VALUE", help="change one value of the configuration"
+    )
+    command.add_argument("--json", action="store_true", help="print metrics.json when done, and nothing else")
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from hilbrace.pipeline import demo_config, run_stages
+
+    config = demo_config(options.motion, quick=options.quick, overrides=_overrides(options.set))
+    metrics = run_stages(config, Path(options.out), until=options.until, quiet=options.json)
+    return _finish(options, Path(options.out), metrics)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from hilbrace.config import read_config
+    from hilbrace.pipeline import run_stages
+
+    source: Path = options.source
+    file = source / "run.toml" if source.is_dir() else source
+    config = read_config(file, _overrides(options.set))
+    out = options.out or (source if source.is_dir() else Path("runs") / file.resolve().parent.name)
+    metrics = run_stages(config, out, until=options.until, quiet=options.json)
+    return _finish(options, out, metrics)
+
+
+def _finish(options: argparse.Namespace, out: Path, metrics: dict[str, Any]) -> int:
+    if options.json:
+        _print_json(metrics)
+        return 0
+    from hilbrace.pipeline import print_summary
+
+    print_summary(out, metrics)
+    return 0
+
+
+def _show(options: argparse.Namespace) -> int:
+    from hilbrace.pipeline import print_summary, read_metrics
+
+    metrics = read_metrics(options.folder)
+    if options.json:
+        _print_json(metrics)
+    else:
+        print_summary(options.folder, metrics)
+    return 0
+
+
+def _doctor(options: argparse.Namespace) -> int:
+    from hilbrace.doctor import examine, print_findings
+
+    findings = examine()
+    if options.json:
+        _print_json(findings)
+    else:
+        print_findings(findings)
+    return 0 if findings["healthy"] else 1
+
+
+def _overrides(pairs: list[str]) -> dict[str, str]:
+    overrides: dict[str, str] = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not equals:
+            raise ConfigError(f"'{pair}' has no '='", where="--set", hint="write --set section.key=value")
+        overrides[key.strip()] = value.strip()
+    return overrides
+
+
+def _print_json(content: dict[str, Any]) -> None:
+    sys.stdout.write(json.dumps(content) + "\n")
+
+
+def _repeatable_arithmetic() -> None:
+    """Ask the linear algebra libraries for the same bits on every run; must come before they are loaded."""
+    os.environ.setdefault("MKL_CBWR", "COMPATIBLE")
+    os.environ.setdefault("OMP_DYNAMIC", "FALSE")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,162 @@
+"""The five losses of the paper's loss table, each a plain function of tensors.
+
+``total`` divides each by its value at the start, as the paper does. Three of them need a word:
+
+* L1. The frontal angle is a few degrees and a soft sleeve changes it by a per cent, so ``L1 / L1_start`` would
+  be one for every design. The controlled angles are therefore measured by the change that the first
+  (uniform) brace makes to them, the preserved ones by their own start; see `relative_stability`.
+* L4 and L5 are zero for a uniform field of the right volume. Their start value is not taken below that of
+  a 5 % error (`TOLERANCE`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+TOLERANCE = 0.05
+"""Relative volume error, and jump of d across the seam, that count as one unit of loss [-]."""
+
+
+@dataclass(frozen=True)
+class Stability:
+    """The two sums of L1.
+
+    Attributes:
+        preserved: Sum over the preserved angles of the squared change (mean over frames) [rad^2].
+        prevented: Sum over the controlled angles of the squared angle with the brace on [rad^2].
+    """
+
+    preserved: Float[Tensor, ""]
+    prevented: Float[Tensor, ""]
+
+    @property
+    def loss(self) -> Float[Tensor, ""]:
+        """L1 of the loss table [rad^2]."""
+        return self.preserved + self.prevented
+
+
+def joint_stability(
+    angles: Float[Tensor, "frame angle"],
+    change: Float[Tensor, "frame angle"],
+    preserve: tuple[int, ...],
+    prevent: tuple[int, ...],
+) -> Stability:
+    """L1: keep the preserved angles, bring the controlled ones to zero.
+
+    Args:
+        angles: Recorded angles [rad].
+        change: Change by the brace [rad].
+        preserve: Columns of the angles to keep (sagittal).
+        prevent: Columns of the angles to control (frontal).
+    """
+    preserved = (change[:, list(preserve)] ** 2).sum(1).mean()
+    prevented = ((angles + change)[:, list(prevent)] ** 2).sum(1).mean()
+    return Stability(preserved, prevented)
+
+
+def elastic_energy(
+    modulus: Float[Tensor, " triangle"],
+    unit_energy: Float[Tensor, " triangle"],
+    areas: Float[Tensor, " triangle"],
+) -> Float[Tensor, ""]:
+    """L2: sum of the worst elastic energy densities over the elements.
+
+    Both Lamé parameters are proportional to the modulus, so that ``W_e = f_E(d_e) w_e`` with ``w_e`` the
+    energy for unit modulus. Elements are weighted by area over mean area, so that the sum does not depend
+    on the mesh; on an even mesh it is the paper's.
+    """
+    return (modulus * unit_energy * areas).sum() / areas.mean()
+
+
+def compliance(energies: Float[Tensor, " frame"], exponent: float) -> Float[Tensor, ""]:
+    """L3: half the p-norm over the frames of the compliance (``energies`` are ``F.U / 2``), Eq. 2."""
+    doubled = 2.0 * energies
+    largest = doubled.max().detach()
+    return 0.5 * largest * ((doubled / largest) ** exponent).sum() ** (1.0 / exponent)
+
+
+def volume(
+    fraction: Float[Tensor, " triangle"], areas: Float[Tensor, " triangle"], target: float
+) -> Float[Tensor, ""]:
+    """L4: squared relative error of the volume fraction."""
+    return ((fraction * areas).sum() / areas.sum() / target - 1.0) ** 2
+
+
+def seam(d_vertex: Float[Tensor, " vertex"], pairs: Int[Tensor, "pair 2"]) -> Float[Tensor, ""]:
+    """L5: squared jumps of the design variable across the seam."""
+    return ((d_vertex[pairs[:, 0]] - d_vertex[pairs[:, 1]]) ** 2).sum()
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What each loss is divided by: its value for the first field.
+
+    Attributes:
+        preserved: Start of L1's preserved sum [rad^2].
+        prevented: Start of L1's controlled sum [rad^2].
+        prevented_effect: Change of that sum by the first brace, against no brace, positive [rad^2].
+        elastic_energy: Start of L2.
+        compliance: Start of L3.
+        volume: Start of L4, not below its floor.
+        seam: Start of L5, not below its floor.
+    """
+
+    preserved: float
+    prevented: float
+    prevented_effect: float
+    elastic_energy: float
+    compliance: float
+    volume: float
+    seam: float
+
+
+def scales(
+    stability: Stability, prevented_unbraced: float, terms: Float[Tensor, "5"], seam_pairs: int
+) -> Scales:
+    """The scales of a run from the first field's losses.
+
+    Args:
+        stability: L1's sums for the first field.
+        prevented_unbraced: L1's controlled sum without a brace [rad^2].
+        terms: L1..L5 of the first field.
+        seam_pairs: Number of seam pairs.
+    """
+    tiny = 1e-30
+    effect = abs(float(stability.prevented) - prevented_unbraced)
+    return Scales(
+        preserved=max(float(stability.preserved), tiny),
+        prevented=float(stability.prevented),
+        prevented_effect=max(effect, tiny),
+        elastic_energy=max(float(terms[1]), tiny),
+        compliance=max(float(terms[2]), tiny),
+        volume=max(float(terms[3]), TOLERANCE**2),
+        seam=max(float(terms[4]), seam_pairs * TOLERANCE**2, tiny),
+    )
+
+
+def relative_stability(stability: Stability, scale: Scales) -> Float[Tensor, ""]:
+    """L1 in units of what the first brace does: one at the start, and falling as the design improves.
+
+    The preserved part is divided by its start. The controlled part falls by one when the brace takes off
+    twice what the first brace took off.
+    """
+    preserved = stability.preserved / scale.preserved
+    prevented = 1.0 + (stability.prevented - scale.prevented) / scale.prevented_effect
+    return 0.5 * (preserved + prevented)
+
+
+def normalised(stability: Stability, terms: Float[Tensor, "5"], scale: Scales) -> Float[Tensor, "5"]:
+    """L1..L5, each by its scale."""
+    return torch.stack(
+        [
+            relative_stability(stability, scale),
+            terms[1] / scale.elastic_energy,
+            terms[2] / scale.compliance,
+            terms[3] / scale.volume,
+            terms[4] / scale.seam,
+        ]
+    )

@@ -1,0 +1,262 @@
+"""The stages in order, and what each reads, writes and reports."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from hilbrace.biomech.analysis import compute_joint_loads, write_joint_loads_csv
+from hilbrace.biomech.joint_loads import JointLoads
+from hilbrace.body.body import Body
+from hilbrace.body.build import build_body
+from hilbrace.domain.build import build_domain
+from hilbrace.domain.domain import Domain
+from hilbrace.errors import ConfigError
+from hilbrace.motion.marker_maps import read_marker_map
+from hilbrace.motion.synthetic import generate, write_recording
+from hilbrace.motion.trial import Trial
+from hilbrace.motion.trial_reader import read_trial
+from hilbrace.optimize.build import optimize_design, write_history_csv
+from hilbrace.optimize.design import LOSSES, Design
+from hilbrace.pattern.build import build_pattern, build_solid
+from hilbrace.pattern.export import write_surface
+from hilbrace.pattern.pattern import Pattern, Solid
+from hilbrace.pipeline.stage import Inputs, Outcome, Stage
+from hilbrace.report.build import build_report
+from hilbrace.units import GRAVITY, MM_PER_M
+
+SYNTHETIC_RATE_HZ = 100.0
+
+
+def motion(inputs: Inputs) -> Outcome:
+    """Read the recording; the synthetic subject's is written first and goes through the same readers."""
+    settings = inputs.config.motion
+    files = ()
+    if settings.synthetic:
+        recording = inputs.folder / "recording"
+        recording.mkdir(exist_ok=True)
+        paths = write_recording(generate(settings.synthetic, rate_hz=SYNTHETIC_RATE_HZ), recording)
+        files = tuple(paths.values())
+        source = {"markers": paths["motion"], "static": paths["static"], "marker_map": "hilbrace"}
+        trial = read_trial(settings.model_copy(update=source), inputs.config.subject)
+        trial = replace(trial, name=f"synthetic {settings.synthetic}", origin="synthetic")
+    elif settings.markers is None:
+        raise ConfigError(
+            "no motion is named", where="motion", hint="set motion.markers to a C3D or TRC file, or motion.synthetic"
+        )
+    else:
+        trial = read_trial(settings, inputs.config.subject)
+    force = np.linalg.norm(trial.ground_force.sum(axis=1), axis=1)
+    figures = {
+        "name": trial.name,
+        "origin": trial.origin,
+        "frames": len(trial.time),
+        "rate_hz": trial.rate_hz,
+        "markers": len(trial.marker_names),
+        "subject_mass_kg": round(trial.mass_kg, 3),
+        "ground_force_peak_bw": _rounded(force.max() / (trial.mass_kg * GRAVITY)),
+        "hidden_marker_samples": int(np.isnan(trial.markers[..., 0]).sum()),
+        "notes": list(trial.notes),
+    }
+    return Outcome(trial, files, {"motion": figures})
+
+
+def body(inputs: Inputs) -> Outcome:
+    """Fit the skin to the subject's figures."""
+    record = build_body(inputs.records["motion"], inputs.config.body)
+    skin = inputs.folder / "skin.ply"
+    write_surface(skin, record.vertices, record.triangles)
+    figures = {
+        "model": record.model,
+        "height_m": _rounded(record.height_m),
+        "joint_fit_error_mm": _rounded(record.fit_error_mm.max()),
+        "height_error_mm": _rounded(record.height_error_mm),
+    }
+    return Outcome(record, (skin,), {"body": figures})
+
+
+def biomech(inputs: Inputs) -> Outcome:
+    """Inverse kinematics and net joint loads, OpenSim in its worker process."""
+    trial: Trial = inputs.records["motion"]
+    loads = compute_joint_loads(
+        trial,
+        inputs.records["body"],
+        read_marker_map(trial.marker_map),
+        inputs.config.motion,
+        inputs.config.biomech,
+        inputs.progress,
+    )
+    table = inputs.folder / "joint_loads.csv"
+    write_joint_loads_csv(loads, table)
+    return Outcome(loads, (table,), {"biomech": _load_figures(loads, braced_joint(inputs))})
+
+
+def domain(inputs: Inputs) -> Outcome:
+    """Cut the brace's surface out of the skin, mesh it, flatten it and move it."""
+    record = build_domain(inputs.records["body"], inputs.records["biomech"], inputs.config.domain)
+    surface = inputs.folder / "domain.ply"
+    write_surface(surface, record.vertices, record.triangles)
+    edges = record.uv[record.cut_triangles]
+    first, second = edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]
+    turned = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    figures = {
+        "joint": record.joint,
+        "triangles": len(record.triangles),
+        "flipped_triangles": int((turned <= 0).sum()),
+        "quasi_conformal_mean": _rounded(record.quasi_conformal.mean()),
+        "frames": len(record.time),
+        "area_ratio_min": _rounded(np.linalg.det(record.deformation).min()),
+        "area_ratio_max": _rounded(np.linalg.det(record.deformation).max()),
+    }
+    return Outcome(record, (surface,), {"domain": figures})
+
+
+def optimize(inputs: Inputs) -> Outcome:
+    """Find the distribution of the microstructures."""
+    config = inputs.config
+    design, seconds = optimize_design(
+        inputs.records["biomech"],
+        inputs.records["domain"],
+        config.optimize,
+        config.material,
+        config.pattern,
+        checkpoint=inputs.folder / "checkpoint.npz",
+        key=inputs.key,
+        progress=inputs.progress,
+    )
+    table = inputs.folder / "history.csv"
+    write_history_csv(design, table)
+    return Outcome(design, (table,), _design_figures(design, seconds))
+
+
+def pattern(inputs: Inputs) -> Outcome:
+    """Draw the struts on the skin."""
+    record = build_pattern(inputs.records["domain"], inputs.records["optimize"], inputs.config.pattern)
+    surface = inputs.folder / "pattern.ply"
+    write_surface(surface, record.vertices, record.triangles)
+    figures = {
+        "triangles": len(record.triangles),
+        "area_fraction": _rounded(record.area_fraction),
+        "level_shift": _rounded(record.level_shift),
+        "islands_dropped": record.islands_dropped,
+        "min_strut_mm": _rounded(record.strut_width_min_mm),
+        "median_strut_mm": _rounded(record.strut_width_median_mm),
+    }
+    return Outcome(record, (surface,), {"pattern": figures})
+
+
+def solid(inputs: Inputs) -> Outcome:
+    """Thicken the struts into one closed body."""
+    config, drawn = inputs.config, inputs.records["pattern"]
+    record = build_solid(drawn, inputs.records["domain"], inputs.records["optimize"], config.material, config.solid)
+    files = tuple(inputs.folder / f"brace.{kind}" for kind in ("stl", "ply", "glb"))
+    for path in files:
+        write_surface(path, record.vertices, record.triangles)
+    figures = {
+        "volume_ml": _rounded(record.volume_mm3 / 1000.0),
+        "mass_g": _rounded(record.mass_g),
+        "watertight": record.watertight,
+        "parts": record.parts,
+        "manifold_status": record.manifold_status,
+        "genus": record.genus,
+        "triangles": len(record.triangles),
+        "min_strut_mm": _rounded(drawn.strut_width_min_mm),
+        "expected_volume_ml": _rounded(record.expected_volume_mm3 / 1000.0),
+        "volume_error": _rounded(record.volume_mm3 / record.expected_volume_mm3 - 1.0),
+        "thickness_p01_mm": _rounded(record.thickness_p01_mm),
+        "folded_triangles": record.folded_triangles,
+    }
+    return Outcome(record, files, {"solid": figures})
+
+
+def report(inputs: Inputs) -> Outcome:
+    """Draw the pictures and write the page."""
+    files = build_report(inputs.folder, inputs.config, inputs.records, inputs.metrics)
+    return Outcome(None, tuple(files))
+
+
+def braced_joint(inputs: Inputs) -> str:
+    """Name of the braced joint, as in `JointLoads.joints`."""
+    settings = inputs.config.domain
+    return f"{settings.joint}_{settings.side[0]}"
+
+
+def _load_figures(loads: JointLoads, joint: str) -> dict[str, object]:
+    index = loads.joints.index(joint)
+    weight = loads.body_mass_kg * GRAVITY
+    error = loads.marker_error[np.isfinite(loads.marker_error)]
+    flexion, adduction, rotation = np.rad2deg(loads.angles[:, index]).T
+    return {
+        "coordinates": len(loads.coordinate_names),
+        "muscles": loads.muscles,
+        "marker_rms_mm": _rounded(MM_PER_M * np.sqrt((error**2).mean())),
+        "marker_max_mm": _rounded(MM_PER_M * error.max()),
+        "joint": joint,
+        "knee_flexion_max_deg": _rounded(flexion.max()),
+        "knee_adduction_range_deg": [_rounded(adduction.min()), _rounded(adduction.max())],
+        "knee_rotation_range_deg": [_rounded(rotation.min()), _rounded(rotation.max())],
+        "acting_force_peak_bw": _rounded(np.linalg.norm(loads.acting_force[:, index], axis=1).max() / weight),
+        "pelvis_residual_rms_n": _rounded(np.sqrt((loads.pelvis_residual_force**2).sum(1).mean())),
+        "cutoff_hz": loads.cutoff_hz,
+    }
+
+
+def _design_figures(design: Design, seconds: float) -> dict[str, dict[str, object]]:
+    names = (*LOSSES, "total")
+    brace = dict(zip(("sagittal", "frontal", "axial"), design.stiffness, strict=True))
+    uniform = dict(zip(("sagittal", "frontal", "axial"), design.stiffness_uniform, strict=True))
+    ratio = (brace["frontal"] / brace["sagittal"]) / (uniform["frontal"] / uniform["sagittal"])
+    figures: dict[str, object] = {}
+    for plane in ("frontal", "sagittal", "axial"):
+        figures[f"stiffness_{plane}_nm_per_deg"] = float(f"{brace[plane]:.6g}")
+        figures[f"stiffness_{plane}_uniform_nm_per_deg"] = float(f"{uniform[plane]:.6g}")
+    figures["stiffness_ratio_vs_uniform"] = _rounded(ratio)
+    figures["postures"] = [
+        {
+            "flexion_deg": _rounded(np.rad2deg(flexion)),
+            "frontal_nm_per_deg": float(f"{own[1]:.6g}"),
+            "sagittal_nm_per_deg": float(f"{own[0]:.6g}"),
+            "frontal_uniform_nm_per_deg": float(f"{plain[1]:.6g}"),
+            "sagittal_uniform_nm_per_deg": float(f"{plain[0]:.6g}"),
+        }
+        for flexion, own, plain in zip(
+            design.stiffness_flexions, design.stiffness_posed, design.stiffness_posed_uniform, strict=True
+        )
+    ]
+    figures["volume_fraction"] = _rounded(design.volume_fraction)
+    figures["volume_fraction_uniform"] = _rounded(design.volume_fraction_uniform)
+    change = np.rad2deg(np.abs(design.angle_change).max(axis=0))
+    figures["predicted_frontal_change_max_deg"] = float(f"{change[1]:.4g}")
+    figures["predicted_sagittal_change_max_deg"] = float(f"{change[0]:.4g}")
+    steps = {
+        "iterations": design.iterations,
+        "seconds_per_iteration": round(seconds, 4),
+        "losses_initial": dict(zip(LOSSES, map(float, design.losses_initial), strict=True)),
+        "losses_final": dict(zip(LOSSES, map(float, design.losses_final), strict=True)),
+        "normalised_initial": dict(zip(names, map(float, design.history[0]), strict=True)),
+        "normalised_final": dict(zip(names, map(float, design.history[-1]), strict=True)),
+    }
+    return {"optimize": steps, "brace": figures}
+
+
+def _rounded(value: float) -> float:
+    return round(float(value), 4)
+
+
+STAGES: tuple[Stage, ...] = (
+    Stage("motion", (), ("motion", "subject"), Trial, motion),
+    Stage("body", ("motion",), ("body",), Body, body),
+    Stage("biomech", ("motion", "body"), ("biomech", "motion"), JointLoads, biomech),
+    Stage("domain", ("body", "biomech"), ("domain",), Domain, domain),
+    Stage("optimize", ("biomech", "domain"), ("optimize", "material", "pattern"), Design, optimize),
+    Stage("pattern", ("domain", "optimize"), ("pattern",), Pattern, pattern),
+    Stage("solid", ("domain", "optimize", "pattern"), ("solid", "material"), Solid, solid),
+    Stage(
+        "report",
+        ("motion", "body", "biomech", "domain", "optimize", "pattern", "solid"),
+        ("subject", "domain"),
+        None,
+        report,
+    ),
+)

@@ -261,7 +261,7 @@ def rotation_about(direction: Float[Array, " 3"], angle: Float[Array, " frame"])
     return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
 
 
-def body_fixed_xyz(angles: Sequence[float]) -> Float[Array, "3 3"]:
+def body_fixed_xyz(angles: Sequence[float] | Float[Array, " 3"]) -> Float[Array, "3 3"]:
     """Rotation matrix of body-fixed x-y-z angles [rad], OpenSim's way to write an orientation."""
     x, y, z = (rotation_about(np.eye(3)[k], np.array(angles[k])) for k in range(3))
     return x @ y @ z

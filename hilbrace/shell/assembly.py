@@ -1,0 +1,116 @@
+"""Numbering, sparsity and refill of the global stiffness: K(E) = sum over elements of E_e k0_e.
+
+The sparsity depends on the triangles and the clamped vertices alone, so it is found once. The values are one
+sparse product, ``data = S @ E``: column e of S holds the entries that element e adds to K.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Float, Int
+
+from hilbrace.shell.element import ELEMENT_DOFS, NODE_DOFS
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Numbering:
+    """What the triangles and the clamped vertices decide, whatever the shape.
+
+    Attributes:
+        vertices: Number of vertices.
+        element_dofs: Global degrees of freedom of each element.
+        free: Degrees of freedom that are not clamped, ascending.
+        equation: Position of each degree of freedom among the free ones, -1 where it is clamped.
+        column_start: Column pointers of the free stiffness (compressed columns, both triangles).
+        row: Row indices of the free stiffness.
+        entry_start: Pointers of S: where the contributions to each entry of K begin.
+        entry_element: Element of each contribution.
+        entry_source: Position of each contribution in the flattened element stiffnesses.
+    """
+
+    vertices: int
+    element_dofs: Int[Array, "element 15"]
+    free: Int[Array, " free"]
+    equation: Int[Array, " dof"]
+    column_start: Int[Array, " free_plus_one"]
+    row: Int[Array, " entry"]
+    entry_start: Int[Array, " entry_plus_one"]
+    entry_element: Int[Array, " contribution"]
+    entry_source: Int[Array, " contribution"]
+
+
+def number(vertices: int, triangles: Int[Array, "triangle 3"], clamped: Int[Array, " clamped"]) -> Numbering:
+    """Number the degrees of freedom and find the sparsity of the stiffness.
+
+    Args:
+        vertices: Number of vertices.
+        triangles: Vertex indices.
+        clamped: Vertices that do not move.
+    """
+    dofs = (NODE_DOFS * triangles[:, :, None] + np.arange(NODE_DOFS)).reshape(-1, ELEMENT_DOFS)
+    is_free = np.ones((vertices, NODE_DOFS), dtype=bool)
+    is_free[clamped] = False
+    free = np.flatnonzero(is_free)
+    equation = np.full(vertices * NODE_DOFS, -1)
+    equation[free] = np.arange(len(free))
+    local = equation[dofs]
+    row = np.repeat(local, ELEMENT_DOFS, axis=1).ravel()
+    column = np.tile(local, (1, ELEMENT_DOFS)).ravel()
+    source = np.flatnonzero((row >= 0) & (column >= 0))
+    key = column[source].astype(np.int64) * len(free) + row[source]
+    order = np.argsort(key, kind="stable")
+    key, source = key[order], source[order]
+    first = np.flatnonzero(np.diff(key, prepend=-1))
+    return Numbering(
+        vertices=vertices,
+        element_dofs=dofs,
+        free=free,
+        equation=equation,
+        column_start=np.searchsorted(key[first], np.arange(len(free) + 1) * len(free)).astype(np.int32),
+        row=(key[first] % len(free)).astype(np.int32),
+        entry_start=np.append(first, len(key)).astype(np.int32),
+        entry_element=(source // ELEMENT_DOFS**2).astype(np.int32),
+        entry_source=source,
+    )
+
+
+def refill_map(numbering: Numbering, stiffness: Float[Array, "element 15 15"]) -> sp.csr_array:
+    """The matrix S of ``data = S @ E``, for the unit-modulus stiffness of the elements."""
+    values = stiffness.reshape(-1)[numbering.entry_source]
+    shape = (len(numbering.row), len(stiffness))
+    return sp.csr_array((values, numbering.entry_element, numbering.entry_start), shape=shape)
+
+
+def free_stiffness(
+    numbering: Numbering, refill: sp.csr_array, modulus: Float[Array, " element"]
+) -> sp.csc_array:
+    """Stiffness of the free degrees of freedom for the modulus of each element [MPa]."""
+    size = len(numbering.free)
+    return sp.csc_array((refill @ modulus, numbering.row, numbering.column_start), shape=(size, size))
+
+
+def coupling_map(
+    numbering: Numbering, stiffness: Float[Array, "element 15 15"], motions: Float[Array, "dof mode"]
+) -> sp.csr_array:
+    """Matrix from E to the flattened K_fb G: forces on the free nodes per motion of the clamped ones.
+
+    Args:
+        numbering: The numbering.
+        stiffness: Unit-modulus stiffness of the elements.
+        motions: Motions G of the clamped degrees of freedom, zero on free ones.
+    """
+    modes = motions.shape[1]
+    touched = np.flatnonzero((numbering.equation[numbering.element_dofs] < 0).any(axis=1))
+    dofs = numbering.element_dofs[touched]
+    force = stiffness[touched] @ motions[dofs]
+    equation = numbering.equation[dofs]
+    row = equation[:, :, None] * modes + np.arange(modes)
+    keep = np.broadcast_to(equation[:, :, None] >= 0, row.shape)
+    column = np.broadcast_to(touched[:, None, None], row.shape)
+    shape = (len(numbering.free) * modes, len(stiffness))
+    return sp.csr_array((force[keep], (row[keep], column[keep])), shape=shape)

@@ -1,0 +1,69 @@
+"""How the acting force reaches the shell: F_t = W f_t with one fixed pattern W.
+
+Every vertex takes a share of the force: its tributary area times a Gaussian window about the joint line. The
+shares sum to one, so the whole force arrives whatever the mesh. With the pattern fixed, three solves serve
+any number of frames.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+
+from hilbrace.errors import GeometryError
+from hilbrace.shell.directors import triangle_normals
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class LoadPattern:
+    """Loads of all frames on one shell.
+
+    Attributes:
+        shares: Share of the force that each vertex takes [-]; they sum to one.
+        forces: Force on the brace in each frame [N], in the rest frame of the domain.
+    """
+
+    shares: Float[Array, " vertex"]
+    forces: Float[torch.Tensor, "frame 3"]
+
+
+def joint_line_shares(
+    vertices: Float[Array, "vertex 3"],
+    triangles: Int[Array, "triangle 3"],
+    window_mm: float,
+    centre: Float[Array, " xyz"] | None = None,
+    axis: Float[Array, " xyz"] | None = None,
+) -> Float[Array, " vertex"]:
+    """Share of the acting force that each vertex takes [-], summing to one.
+
+    A triangle weighs its area times ``exp(-(h / window)^2)`` with h its centre's height over the joint line,
+    and gives a third to each corner.
+
+    Args:
+        vertices: Rest positions [mm].
+        triangles: Vertex indices.
+        window_mm: Width of the window [mm].
+        centre: Point of the joint line [mm]; the origin, where the domain puts the joint, if left out.
+        axis: Direction of the limb; y, as in the neutral pose, if left out.
+
+    Raises:
+        GeometryError: No part of the surface lies near the joint line.
+    """
+    along = np.array([0.0, 1.0, 0.0]) if axis is None else np.asarray(axis) / np.linalg.norm(axis)
+    origin = np.zeros(3) if centre is None else np.asarray(centre)
+    _, area = triangle_normals(vertices, triangles)
+    height = (vertices[triangles].mean(axis=1) - origin) @ along
+    weight = area * np.exp(-((height / window_mm) ** 2))
+    shares = np.bincount(triangles.ravel(), np.repeat(weight / 3.0, 3), minlength=len(vertices))
+    if not shares.sum() > 1e-9 * area.sum():
+        raise GeometryError(
+            "no part of the brace lies near the joint line",
+            where=f"load window of {window_mm:g} mm, nearest triangle {np.abs(height).min():.0f} mm away",
+            hint="let the domain reach over the joint, or widen optimize.load_window_mm",
+        )
+    return shares / shares.sum()

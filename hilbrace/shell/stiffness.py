@@ -1,0 +1,48 @@
+"""The brace as a spring at the joint: its stiffness about the joint's axes, and its wrenches there."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from hilbrace.shell.loops import rotation_about, wrench_shift
+from hilbrace.shell.model import ShellModel
+
+Array = np.ndarray
+
+
+def joint_stiffness(
+    loop_stiffness: Float[torch.Tensor, "12 12"],
+    shell: ShellModel,
+    axes: Float[Array, "axis 3"],
+    centre: Float[Array, " xyz"] | None = None,
+) -> Float[torch.Tensor, "axis axis"]:
+    """Stiffness of the brace against turning the lower loop about joint axes, the upper loop held [N*mm/rad].
+
+    Small rotations about the shape of the shell; the joint fixes the centre of rotation. Entry (i, j) is the
+    moment about axis i per radian about axis j. Differentiable by the loop stiffness.
+
+    Args:
+        loop_stiffness: Condensed stiffness of the loops.
+        shell: The shell that it belongs to.
+        axes: Unit directions of the joint's axes [-].
+        centre: Joint centre [mm]; the origin, where the domain puts the joint, if left out.
+    """
+    point = np.zeros(3) if centre is None else np.asarray(centre)
+    turn = torch.from_numpy(rotation_about(shell.centres, point, np.asarray(axes)))
+    return turn.T @ loop_stiffness @ turn
+
+
+def wrenches_at(
+    reactions: Float[torch.Tensor, "frame 12"], shell: ShellModel, centre: Float[Array, " xyz"] | None = None
+) -> Float[torch.Tensor, "frame 12"]:
+    """Reactions with their moments taken about the joint centre instead of the loops' centres.
+
+    Args:
+        reactions: Forces [N] and moments [N*mm] at the upper and the lower loop.
+        shell: The shell that they hold.
+        centre: Joint centre [mm]; the origin if left out.
+    """
+    point = np.zeros(3) if centre is None else np.asarray(centre)
+    return reactions @ torch.from_numpy(wrench_shift(shell.centres, point)).T

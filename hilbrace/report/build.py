@@ -1,0 +1,160 @@
+"""Write the report: pictures as files, and one page that holds everything."""
+
+from __future__ import annotations
+
+import base64
+import io
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from jinja2 import Environment
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from hilbrace import __version__
+from hilbrace.biomech.joint_loads import JointLoads
+from hilbrace.config import Config
+from hilbrace.optimize.design import Design
+from hilbrace.report import figures
+from hilbrace.report.viewer import turnable
+from hilbrace.run.records import write_atomic
+
+PAINTED = frozenset({"key_frames", "field_on_leg", "soft_and_firm", "solid", "brace_on_body"})
+"""Pictures made of many triangles: PNG in the page. The others are drawings: SVG."""
+
+
+def build_report(folder: Path, config: Config, records: dict[str, Any], metrics: dict[str, dict[str, Any]]) -> list[Path]:
+    """Draw every picture and write ``index.html``, which needs no other file and no network.
+
+    Args:
+        folder: The report's folder.
+        config: The run's configuration.
+        records: The record of each stage.
+        metrics: Figures of the stages.
+
+    Returns:
+        The files written.
+    """
+    drawn = _draw(records)
+    pictures = folder / "figures"
+    pictures.mkdir(exist_ok=True)
+    files: list[Path] = []
+    inline: dict[str, str] = {}
+    for name, figure in drawn.items():
+        png, svg = _render(figure, "png"), _render(figure, "svg")
+        for kind, content in (("png", png), ("svg", svg)):
+            write_atomic(pictures / f"{name}.{kind}", content)
+            files.append(pictures / f"{name}.{kind}")
+        inline[name] = _image(png, "png") if name in PAINTED else _image(svg, "svg+xml")
+    view = turnable(records["body"], records["domain"], records["optimize"], records["solid"])
+    page = folder / "index.html"
+    write_atomic(page, _page(config, records, metrics, inline, view).encode())
+    return [page, *files]
+
+
+def _draw(records: dict[str, Any]) -> dict[str, Figure]:
+    trial, body, domain = records["motion"], records["body"], records["domain"]
+    loads: JointLoads = records["biomech"]
+    design: Design = records["optimize"]
+    joint = domain.joint
+    return {
+        "key_frames": figures.key_frames(trial, body, loads, joint),
+        "ground_reactions": figures.ground_reactions(trial),
+        "joint_angles": figures.joint_angles(loads, joint),
+        "acting_force": figures.acting_force(loads, joint),
+        "field_on_leg": figures.field_on_leg(domain, design),
+        "soft_and_firm": figures.soft_and_firm(domain, design),
+        "flat_map": figures.flat_map(domain, design),
+        "losses": figures.losses(design),
+        "stiffness": figures.stiffness(design),
+        "predicted_change": figures.predicted_change(domain, design),
+        "solid": figures.solid(records["solid"], joint),
+        "brace_on_body": figures.brace_on_body(records["solid"], body, joint),
+    }
+
+
+def _render(figure: Figure, kind: str) -> bytes:
+    buffer = io.BytesIO()
+    with matplotlib.rc_context({"svg.hashsalt": "hilbrace", "svg.fonttype": "path", "font.size": 10}):
+        metadata = {"Date": None} if kind == "svg" else {"Software": None}
+        figure.savefig(buffer, format=kind, dpi=150, metadata=metadata)
+    return buffer.getvalue()
+
+
+def _image(content: bytes, kind: str) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def _page(
+    config: Config, records: dict[str, Any], metrics: dict[str, dict[str, Any]], inline: dict[str, str], view: str
+) -> str:
+    environment = Environment(autoescape=True)
+    template = environment.from_string(resources.files("hilbrace.report").joinpath("page.html.j2").read_text("utf-8"))
+
+    def figure(name: str, caption: str) -> Markup:
+        return Markup('<figure><img alt="{}" src="{}"><figcaption>{}</figcaption></figure>').format(
+            caption, Markup(inline[name]), caption
+        )
+
+    brace, motion, biomech = metrics["brace"], metrics["motion"], metrics["biomech"]
+    return template.render(
+        figure=figure,
+        turnable=Markup(view),
+        subject=config.subject.name,
+        joint_text=f"{config.domain.side} {config.domain.joint}",
+        synthetic=motion["origin"] == "synthetic",
+        motion=motion["name"],
+        mass=motion["subject_mass_kg"],
+        version=__version__,
+        cards=_cards(metrics),
+        cutoff=biomech["cutoff_hz"],
+        marker_rms=biomech["marker_rms_mm"],
+        volume=f"{100 * brace['volume_fraction']:.1f} %",
+        passive=config.optimize.passive_frontal_nm_per_deg,
+        stiffness_rows=_stiffness_rows(brace),
+        figures_rows=_figure_rows(metrics),
+        notes=motion["notes"],
+    )
+
+
+def _cards(metrics: dict[str, dict[str, Any]]) -> list[dict[str, str]]:
+    brace, solid, biomech = metrics["brace"], metrics["solid"], metrics["biomech"]
+    frontal = brace["stiffness_frontal_nm_per_deg"] / brace["stiffness_frontal_uniform_nm_per_deg"]
+    sagittal = brace["stiffness_sagittal_nm_per_deg"] / brace["stiffness_sagittal_uniform_nm_per_deg"]
+    return [
+        {"value": f"{frontal:.2f} x", "label": "frontal stiffness of a uniform brace of the same volume"},
+        {"value": f"{sagittal:.2f} x", "label": "sagittal stiffness of that uniform brace (less is freer)"},
+        {"value": f"{biomech['acting_force_peak_bw']:.2f} BW", "label": "peak acting force across the knee"},
+        {"value": f"{biomech['knee_flexion_max_deg']:.0f} deg", "label": "peak knee flexion"},
+        {"value": f"{solid['mass_g']:.0f} g", "label": f"of rubber, {solid['volume_ml']:.0f} ml to pour"},
+        {
+            "value": f"{solid['min_strut_mm']:.1f} mm",
+            "label": f"narrowest strut; {'watertight' if solid['watertight'] else 'NOT watertight'}, "
+            f"{solid['parts']} part{'' if solid['parts'] == 1 else 's'}",
+        },
+    ]
+
+
+def _stiffness_rows(brace: dict[str, Any]) -> list[tuple[str, str, str]]:
+    rows = []
+    for plane in ("frontal", "sagittal", "axial"):
+        own, plain = brace[f"stiffness_{plane}_nm_per_deg"], brace[f"stiffness_{plane}_uniform_nm_per_deg"]
+        rows.append((f"{plane}, straight leg [N*m/deg]", f"{own:.4f}", f"{plain:.4f}"))
+    for posture in brace["postures"][1:]:
+        own, plain = posture["frontal_nm_per_deg"], posture["frontal_uniform_nm_per_deg"]
+        rows.append((f"frontal, {posture['flexion_deg']:.0f} deg flexion [N*m/deg]", f"{own:.4f}", f"{plain:.4f}"))
+    return rows
+
+
+def _figure_rows(metrics: dict[str, dict[str, Any]]) -> list[tuple[str, str]]:
+    wanted = (
+        ("motion", "frames"), ("motion", "rate_hz"), ("motion", "markers"), ("biomech", "coordinates"),
+        ("biomech", "muscles"), ("biomech", "marker_rms_mm"), ("biomech", "pelvis_residual_rms_n"),
+        ("body", "height_m"), ("domain", "triangles"), ("domain", "quasi_conformal_mean"),
+        ("optimize", "iterations"), ("optimize", "seconds_per_iteration"), ("brace", "volume_fraction"),
+        ("pattern", "area_fraction"), ("solid", "volume_ml"), ("solid", "volume_error"), ("solid", "triangles"),
+        ("solid", "genus"), ("solid", "manifold_status"), ("solid", "thickness_p01_mm"),
+    )  # fmt: skip
+    return [(f"{group}.{key}", str(metrics[group][key])) for group, key in wanted if key in metrics.get(group, {})]

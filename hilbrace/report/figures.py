@@ -1,0 +1,232 @@
+"""The report's pictures; each function draws one."""
+
+from __future__ import annotations
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from hilbrace.biomech.joint_loads import JointLoads
+from hilbrace.body.body import Body
+from hilbrace.body.posing import posed_skin
+from hilbrace.domain.domain import Domain
+from hilbrace.motion.trial import Trial
+from hilbrace.optimize.design import Design
+from hilbrace.pattern.pattern import Solid
+from hilbrace.report.paint import BACK, FRONT, LEFT, RIGHT, SKIN, paint
+from hilbrace.units import GRAVITY, MM_PER_M
+
+Array = np.ndarray
+
+INK = "#22313f"
+FIRM = np.array([0.16, 0.50, 0.40])
+SOFT = np.array([0.93, 0.60, 0.28])
+BRACE = (0.36, 0.55, 0.72)
+SERIES = ("#2a6f97", "#c8553d", "#588157", "#8a6fae", "#b08900", INK)
+FIELD = "viridis"
+
+
+def key_frames(trial: Trial, body: Body, loads: JointLoads, joint: str) -> Figure:
+    """The body at the motion's key frames, with the ground's force on each foot."""
+    frames = key_instants(trial, loads, joint)
+    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    axes = figure.add_subplot()
+    skin = posed_skin(body, loads.coordinate_names, loads.coordinates[frames])
+    colours = np.broadcast_to(SKIN, (len(body.triangles), 3))
+    spacing = 0.95
+    towards = (0.72, 0.12, 0.69 if joint.endswith("_r") else -0.69)
+    for place, (frame, vertices) in enumerate(zip(frames, skin, strict=True)):
+        centre = np.array([vertices[:, 0].mean(), 0.0, vertices[:, 2].mean()])
+        paint(axes, vertices - centre, body.triangles, colours, towards, shift=(place * spacing, 0.0))
+        _ground_forces(axes, trial, frame, centre, towards, place * spacing)
+        axes.text(
+            place * spacing, -0.22, f"{loads.time[frame]:.2f} s", ha="center", va="top", color=INK, fontsize=9
+        )
+    axes.autoscale_view()
+    axes.axhline(0.0, color=INK, linewidth=0.6, zorder=0)
+    return figure
+
+
+def key_instants(trial: Trial, loads: JointLoads, joint: str, count: int = 5) -> list[int]:
+    """Frames that tell the motion: the ends, peak flexion, peak acting force, and the widest gap halved."""
+    index = loads.joints.index(joint)
+    force = np.linalg.norm(loads.acting_force[:, index], axis=1)
+    frames = {0, len(loads.time) - 1, int(np.argmax(loads.angles[:, index, 0])), int(np.argmax(force))}
+    while len(frames) < min(count, len(loads.time)):
+        ordered = sorted(frames)
+        gaps = np.diff(ordered)
+        widest = int(np.argmax(gaps))
+        frames.add(ordered[widest] + max(1, int(gaps[widest]) // 2))
+    return sorted(frames)
+
+
+def ground_reactions(trial: Trial) -> Figure:
+    """Vertical ground reaction of each foot in body weights."""
+    figure, axes = _plot("ground reaction, vertical [body weights]")
+    weight = trial.mass_kg * GRAVITY
+    for foot, name in enumerate(trial.feet):
+        axes.plot(trial.time, trial.ground_force[:, foot, 1] / weight, color=SERIES[foot], label=name)
+    axes.legend(frameon=False)
+    return figure
+
+
+def joint_angles(loads: JointLoads, joint: str) -> Figure:
+    """Flexion, adduction and rotation of the braced joint."""
+    figure, axes = _plot("angle [deg]")
+    angles = np.rad2deg(loads.angles[:, loads.joints.index(joint)])
+    for column, name in enumerate(("flexion", "adduction", "internal rotation")):
+        axes.plot(loads.time, angles[:, column], color=SERIES[column], label=name)
+    axes.legend(frameon=False)
+    return figure
+
+
+def acting_force(loads: JointLoads, joint: str) -> Figure:
+    """The acting force across the joint in body weights, in the frame of the distal segment."""
+    figure, axes = _plot("acting force [body weights]")
+    force = loads.acting_force[:, loads.joints.index(joint)] / (loads.body_mass_kg * GRAVITY)
+    for column, name in enumerate(("anterior", "proximal", "to the right")):
+        axes.plot(loads.time, force[:, column], color=SERIES[column], label=name)
+    axes.plot(loads.time, np.linalg.norm(force, axis=1), color=INK, linewidth=2.0, label="magnitude")
+    axes.legend(frameon=False, ncols=2)
+    return figure
+
+
+def field_on_leg(domain: Domain, design: Design) -> Figure:
+    """The design variable on the brace's surface from four sides."""
+    norm = Normalize(0.0, 1.0)
+    colours = colormaps[FIELD](norm(np.where(design.rim, 1.0, design.d_triangle)))[:, :3]
+    figure = _four_sides(domain.vertices, domain.triangles, colours, domain.joint)
+    bar = figure.colorbar(ScalarMappable(norm, FIELD), ax=figure.axes, shrink=0.8, pad=0.01)
+    bar.set_label("design variable d [-]")
+    return figure
+
+
+def soft_and_firm(domain: Domain, design: Design) -> Figure:
+    """Where the firm (green) and the soft (orange) microstructure go."""
+    share = design.firm_triangle[:, None]
+    return _four_sides(domain.vertices, domain.triangles, share * FIRM + (1 - share) * SOFT, domain.joint)
+
+
+def flat_map(domain: Domain, design: Design) -> Figure:
+    """The design variable in the flat domain, and the boundary of soft and firm."""
+    figure = Figure(figsize=(5.4, 4.6), layout="constrained")
+    axes = figure.add_subplot()
+    u, v = domain.uv.T
+    image = axes.tripcolor(u, v, domain.cut_triangles, design.d_triangle, cmap=FIELD, vmin=0, vmax=1, rasterized=True)
+    firm = design.firm_vertex[domain.weld]
+    if firm.min() < 0.5 < firm.max():
+        axes.tricontour(u, v, domain.cut_triangles, firm, levels=[0.5], colors="white", linewidths=1.2)
+    axes.set(xlabel="u [-]", ylabel="v [-]", aspect="equal")
+    figure.colorbar(image, ax=axes, label="design variable d [-]", shrink=0.85)
+    _quiet(axes)
+    return figure
+
+
+def losses(design: Design) -> Figure:
+    """Normalised losses over the iterations."""
+    figure, axes = _plot("loss, in units of its start", xlabel="iteration")
+    labels = ("L1 joint stability", "L2 elastic energy", "L3 compliance", "L4 volume", "L5 seam", "total")
+    for column, label in enumerate(labels):
+        width = 2.2 if label == "total" else 1.2
+        axes.plot(design.history[:, column], color=SERIES[column], linewidth=width, label=label)
+    axes.legend(frameon=False, ncols=2, fontsize=8)
+    return figure
+
+
+def stiffness(design: Design) -> Figure:
+    """Brace stiffness against flexion, beside the uniform design of the same volume."""
+    figure = Figure(figsize=(8.6, 3.2), layout="constrained")
+    flexion = np.rad2deg(design.stiffness_flexions)
+    for place, (column, name) in enumerate(((1, "frontal: firm is good"), (0, "sagittal: soft is good"))):
+        axes = figure.add_subplot(1, 2, place + 1)
+        axes.plot(flexion, 1000 * design.stiffness_posed_uniform[:, column], "o--", color="#9aa5ad", label="uniform")
+        axes.plot(flexion, 1000 * design.stiffness_posed[:, column], "o-", color=SERIES[place], label="optimized")
+        axes.set(xlabel="knee flexion [deg]", ylabel="stiffness [N*mm/deg]", title=name)
+        axes.set_ylim(bottom=0)
+        axes.legend(frameon=False)
+        _quiet(axes)
+    return figure
+
+
+def predicted_change(domain: Domain, design: Design) -> Figure:
+    """What the model predicts the brace does to the angles."""
+    figure, axes = _plot("predicted change of angle [deg]")
+    change = np.rad2deg(design.angle_change)
+    for column, name in enumerate(("flexion", "adduction", "internal rotation")):
+        axes.plot(domain.time, change[:, column], color=SERIES[column], label=name)
+    axes.legend(frameon=False)
+    return figure
+
+
+def solid(brace: Solid, joint: str) -> Figure:
+    """The solid from four sides."""
+    return _four_sides(brace.vertices, brace.triangles, BRACE, joint)
+
+
+def brace_on_body(brace: Solid, body: Body, joint: str) -> Figure:
+    """The solid on the standing body, the whole figure and the braced knee."""
+    figure = Figure(figsize=(8.6, 4.6), layout="constrained")
+    centre = body.joint_centres[body.joint_names.index(joint)]
+    placed = brace.vertices / MM_PER_M + centre
+    vertices = np.concatenate([body.vertices, placed])
+    triangles = np.concatenate([body.triangles, brace.triangles + len(body.vertices)])
+    colours = np.concatenate(
+        [np.broadcast_to(SKIN, (len(body.triangles), 3)), np.broadcast_to(BRACE, (len(brace.triangles), 3))]
+    )
+    outer = 0.8 if joint.endswith("_r") else -0.8
+    for place, (towards, reach) in enumerate((((0.8, 0.1, outer), None), ((0.8, 0.1, outer), 0.33), ((-0.9, 0.1, outer), 0.33))):
+        axes = figure.add_subplot(1, 3, place + 1)
+        paint(axes, vertices - centre, triangles, colours, towards)
+        if reach is not None:
+            axes.set(xlim=(-reach * 0.7, reach * 0.7), ylim=(-reach, reach))
+    return figure
+
+
+def _four_sides(vertices: Array, triangles: Array, colours: object, joint: str) -> Figure:
+    outer, inner = (RIGHT, LEFT) if joint.endswith("_r") else (LEFT, RIGHT)
+    figure = Figure(figsize=(9.6, 3.6), layout="constrained")
+    views = (("front", FRONT), ("lateral", outer), ("back", BACK), ("medial", inner))
+    for place, (name, towards) in enumerate(views):
+        axes = figure.add_subplot(1, 4, place + 1)
+        paint(axes, vertices, triangles, colours, towards)  # pyright: ignore[reportArgumentType]
+        axes.set_title(name, fontsize=9, color=INK)
+    return figure
+
+
+def _ground_forces(
+    axes: Axes, trial: Trial, frame: int, centre: Float[Array, "3"], towards: tuple[float, float, float], shift: float
+) -> None:
+    from hilbrace.report.paint import screen_axes
+
+    right, up, _ = screen_axes(towards)
+    scale = 0.45 / (trial.mass_kg * GRAVITY)
+    for foot in range(len(trial.feet)):
+        force = trial.ground_force[frame, foot]
+        if force[1] <= 0:
+            continue
+        start = trial.centre_of_pressure[frame, foot] - centre
+        end = start + scale * force
+        tip, tail = (end @ right + shift, end @ up), (start @ right + shift, start @ up)
+        axes.annotate("", tip, tail, arrowprops={"arrowstyle": "-|>", "color": SERIES[1], "linewidth": 1.8}, zorder=5)
+
+
+def _plot(ylabel: str, xlabel: str = "time [s]") -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(5.4, 3.0), layout="constrained")
+    axes = figure.add_subplot()
+    axes.set(xlabel=xlabel, ylabel=ylabel)
+    _quiet(axes)
+    return figure, axes
+
+
+def _quiet(axes: Axes) -> None:
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(color="#e3e8eb", linewidth=0.6)
+    axes.set_axisbelow(True)

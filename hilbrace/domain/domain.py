@@ -12,7 +12,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Domain:
-    """The design domain in the brace's rest frame: neutral pose, OpenSim axes, origin at the joint centre, mm.
+    """The design domain in the brace's rest frame [mm]: neutral pose, OpenSim axes, origin in the joint.
 
     The mesh is closed around the limb (welded at the seam). The flat map lives on a copy of the mesh cut
     along the seam: ``cut_triangles`` index the rows of ``uv``, ``weld`` leads from them to the vertices.
@@ -21,17 +21,20 @@ class Domain:
         joint: ``knee_l`` or ``knee_r``.
         vertices: Rest positions [mm].
         triangles: Vertex indices, outward orientation.
-        upper_loop: Vertices of the proximal edge, in order around.
-        lower_loop: Vertices of the distal edge, in order around.
+        upper_loop: Vertices of the proximal edge, in order around: from the seam the way u grows.
+        lower_loop: Vertices of the distal edge, likewise.
         cut_triangles: Triangles of the cut mesh (same order as ``triangles``).
         weld: Vertex of each cut vertex.
-        uv: Flat map of the cut vertices, in [0, 1]^2, one scale for both axes.
-        seam_pairs: Cut vertices that are one vertex in the closed mesh: (left, right) of the seam.
+        uv: Flat map of the cut vertices, in [0, 1]^2, one scale for both axes. Seen from outside with the
+            proximal end up, u grows to the right and v upwards.
+        seam_pairs: Cut vertices that are one vertex in the closed mesh: (left, right) edge of the flat map,
+            from distal to proximal. In a periodic map u differs by exactly ``period_u`` and v by 0.
         flatten: ``"lscm"`` or ``"periodic"``.
         period_u: Width of the map around the limb where it is periodic [uv units]; 0 for ``"lscm"``.
         time: Frames kept for the design [s].
         posed: Vertices in each frame [mm], in the frame of the neutral tibia (rigid motion removed).
-        deformation: Deformation gradient of each triangle between local frames, rest to posed [-].
+        deformation: Deformation gradient of each triangle, rest to posed [-], between the triangle's own
+            axes: the first along the edge from corner 0 to 1, the second in the triangle towards corner 2.
         quasi_conformal: Ratio of the singular values of the flat map per triangle [-], 1 is conformal.
     """
 

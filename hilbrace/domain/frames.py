@@ -1,0 +1,114 @@
+"""The frames of the motion that the design looks at, and the skin in each of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from hilbrace.biomech.joint_loads import JointLoads
+from hilbrace.body.body import Body
+from hilbrace.body.posing import bone_transforms
+from hilbrace.body.skinning import bind, skin
+from hilbrace.errors import ConfigError, GeometryError
+from hilbrace.units import MM_PER_M
+
+Array = np.ndarray
+
+MAX_FRAMES = 60
+"""Most frames that a design looks at."""
+
+
+def choose_frames(
+    time: Float[Array, " frame"],
+    flexion: Float[Array, " frame"],
+    acting_force: Float[Array, "frame 3"],
+    frames_per_second: float,
+) -> Int[Array, " kept"]:
+    """Frames at an even rate, plus those of peak flexion and of peak acting force.
+
+    Args:
+        time: Instants [s].
+        flexion: Flexion of the braced joint [rad].
+        acting_force: Force across the braced joint [N].
+        frames_per_second: Wanted rate [1/s]; lowered where it would give more than `MAX_FRAMES`.
+
+    Returns:
+        Frame numbers, ascending.
+    """
+    span = float(time[-1] - time[0])
+    steps = min(int(span * frames_per_second + 1e-9), MAX_FRAMES - 3)
+    even = time[0] + np.arange(steps + 1) * (max(1.0 / frames_per_second, span / (MAX_FRAMES - 3)))
+    nearest = np.abs(time[None, :] - even[:, None]).argmin(axis=1)
+    strength = np.linalg.norm(acting_force, axis=1)
+    return np.unique(np.concatenate([nearest, [np.argmax(flexion), np.argmax(strength)]]))
+
+
+def frames_of(loads: JointLoads, joint: str, frames_per_second: float) -> Int[Array, " kept"]:
+    """Frames of a recording to design for, see `choose_frames`.
+
+    Raises:
+        ConfigError: The recording holds no loads of the joint.
+    """
+    if joint not in loads.joints:
+        raise ConfigError(
+            f"the loads hold no joint {joint!r}",
+            where="domain.joint, domain.side",
+            hint=f"joints there are: {', '.join(loads.joints)}",
+        )
+    at = loads.joints.index(joint)
+    return choose_frames(loads.time, loads.angles[:, at, 0], loads.acting_force[:, at], frames_per_second)
+
+
+def pose_in_tibia(
+    rest: Float[Array, "vertex 3"],
+    joint: str,
+    body: Body,
+    coordinate_names: tuple[str, ...],
+    coordinates: Float[Array, "frame coordinate"],
+) -> Float[Array, "frame vertex 3"]:
+    """Move the domain with the body's skin, and take the tibia's rigid motion out again.
+
+    Args:
+        rest: Domain vertices [mm], neutral pose, origin at the joint centre.
+        joint: ``knee_l`` or ``knee_r``.
+        body: The body whose skinning moves them.
+        coordinate_names: Names of the coordinates.
+        coordinates: Their values in the frames wanted [rad or m].
+
+    Returns:
+        Positions [mm] in the frame of the neutral tibia, origin at the joint centre.
+
+    Raises:
+        GeometryError: The body has no tibia on that side.
+    """
+    centre = body.joint_centres[body.joint_names.index(joint)]
+    rotations, translations = bone_transforms(body, coordinate_names, coordinates)
+    points = rest / MM_PER_M + centre
+    posed = skin(points, bind(points, body), rotations, translations)
+    tibia = _bone(body, f"tibia_{joint[-1]}")
+    return (to_bone(posed, rotations[:, tibia], translations[:, tibia]) - centre) * MM_PER_M
+
+
+def to_bone(
+    points: Float[Array, "frame point 3"],
+    rotation: Float[Array, "frame 3 3"],
+    translation: Float[Array, "frame 3"],
+) -> Float[Array, "frame point 3"]:
+    """Where points that move with the skin are for an observer who rides on a bone.
+
+    Args:
+        points: Posed positions.
+        rotation: Rotation of the bone from neutral to posed.
+        translation: Translation of the bone, ``x_posed = rotation x_neutral + translation``.
+    """
+    return (points - translation[:, None, :]) @ rotation
+
+
+def _bone(body: Body, name: str) -> int:
+    if name not in body.bones:
+        raise GeometryError(
+            f"the body's skin hangs on no bone {name!r}",
+            where="bones of the body",
+            hint=f"bones there are: {', '.join(body.bones)}",
+        )
+    return body.bones.index(name)

@@ -1,0 +1,104 @@
+"""Even triangles: the region meshed anew at a wanted number of triangles (Mmg)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import igl
+import mmgpy
+import numpy as np
+
+from hilbrace.domain.isoline import mesh_edges
+from hilbrace.domain.limb import Surface
+from hilbrace.errors import GeometryError
+
+TOLERANCE = 0.03
+"""Largest deviation from the wanted number of triangles [-]."""
+
+GOOD_ANGLE_DEG = 20.0
+"""Smallest angle that a mesh should have [deg]."""
+
+_ATTEMPTS = 10
+_HAUSDORFF_MM = 5.0
+
+
+@dataclass(frozen=True)
+class MeshQuality:
+    """How even a mesh is.
+
+    Attributes:
+        triangles: Number of triangles.
+        min_angle_deg: Smallest angle of a triangle [deg].
+        edge_mean_mm: Mean edge length [mm].
+        edge_variation: Standard deviation of the edge lengths over their mean [-].
+    """
+
+    triangles: int
+    min_angle_deg: float
+    edge_mean_mm: float
+    edge_variation: float
+
+
+def mesh_quality(surface: Surface) -> MeshQuality:
+    """Count, smallest angle and evenness of a mesh."""
+    edges, _ = mesh_edges(surface.triangles)
+    length = np.linalg.norm(np.diff(surface.vertices[edges], axis=1), axis=-1)
+    angle = np.asarray(igl.internal_angles(np.ascontiguousarray(surface.vertices), surface.triangles))
+    return MeshQuality(
+        triangles=len(surface.triangles),
+        min_angle_deg=float(np.degrees(angle.min())),
+        edge_mean_mm=float(length.mean()),
+        edge_variation=float(length.std() / length.mean()),
+    )
+
+
+def edge_for(area_mm2: float, triangles: int) -> float:
+    """Edge of equilateral triangles that cover an area [mm]."""
+    return float(np.sqrt(4.0 * area_mm2 / (np.sqrt(3.0) * triangles)))
+
+
+def surface_area(surface: Surface) -> float:
+    """Area of a mesh [mm^2]."""
+    return float(np.sum(igl.doublearea(np.ascontiguousarray(surface.vertices), surface.triangles)) / 2.0)
+
+
+def remesh(region: Surface, triangles: int) -> Surface:
+    """Mesh a region anew with even triangles; its edges stay where they are.
+
+    The edge length is corrected until the count is within `TOLERANCE` of the wanted one and no angle is
+    below `GOOD_ANGLE_DEG`; where both cannot be had, the count decides and the best angles win.
+
+    Args:
+        region: Surface with open edges [mm].
+        triangles: Wanted number of triangles.
+
+    Raises:
+        GeometryError: The wanted number cannot be met.
+    """
+    size = edge_for(surface_area(region), triangles)
+    best: Surface | None = None
+    best_angle = -1.0
+    for attempt in range(_ATTEMPTS):
+        mesh = _mmg(region, size)
+        error = len(mesh.triangles) / triangles - 1.0
+        angle = mesh_quality(mesh).min_angle_deg
+        if abs(error) <= TOLERANCE and angle > best_angle:
+            best, best_angle = mesh, angle
+        if best_angle >= GOOD_ANGLE_DEG:
+            break
+        # Half a percent of jitter tries other meshes once the count is right.
+        size *= np.sqrt(1.0 + error) if abs(error) > TOLERANCE else 1.0 + 0.005 * (-1.0) ** attempt
+    if best is None:
+        raise GeometryError(
+            f"no mesh of {triangles} triangles was found for {surface_area(region) / 100:.0f} cm^2 of skin",
+            where="domain.triangles",
+            hint="ask for more triangles",
+        )
+    return best
+
+
+def _mmg(region: Surface, size: float) -> Surface:
+    mesh = mmgpy.MmgMeshS(np.ascontiguousarray(region.vertices), region.triangles.astype(np.int32))
+    mesh.remesh(hsiz=float(size), hausd=_HAUSDORFF_MM, ar=180.0, verbose=-1)
+    triangles = np.array(mesh.get_triangles(), np.int64)
+    return Surface(np.array(mesh.get_vertices(), float), triangles)

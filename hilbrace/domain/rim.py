@@ -1,0 +1,50 @@
+"""The solid bands along both edges of the sleeve."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from hilbrace.domain.domain import Domain, RimBand
+from hilbrace.errors import GeometryError
+
+Array = np.ndarray
+
+
+def rim_band(domain: Domain, width_mm: float) -> RimBand:
+    """Triangles that become solid bands along both loops.
+
+    Args:
+        domain: The design domain.
+        width_mm: Width of the bands [mm].
+
+    Returns:
+        The band; distances are straight lines to the loops' polylines.
+
+    Raises:
+        GeometryError: The bands leave no room for a pattern.
+    """
+    loops = (domain.upper_loop, domain.lower_loop)
+    centres = domain.vertices[domain.triangles].mean(axis=1)
+    centre_distance = np.min([loop_distance(centres, domain.vertices[loop]) for loop in loops], axis=0)
+    vertex_distance = np.min(
+        [loop_distance(domain.vertices, domain.vertices[loop]) for loop in loops], axis=0
+    )
+    band = centre_distance <= width_mm
+    if band.all():
+        raise GeometryError(
+            f"solid bands of {width_mm:g} mm cover the whole brace",
+            where="pattern.rim_mm",
+            hint="lower pattern.rim_mm, or make the brace longer (domain.above, domain.below)",
+        )
+    return RimBand(triangles=band, vertex_distance=vertex_distance, width_mm=float(width_mm))
+
+
+def loop_distance(points: Float[Array, "point 3"], loop: Float[Array, "corner 3"]) -> Float[Array, " point"]:
+    """Distance of points to a closed polyline [mm]."""
+    nearest = np.full(len(points), np.inf)
+    for start, step in zip(loop, np.roll(loop, -1, axis=0) - loop, strict=True):
+        away = points - start
+        part = np.clip(away @ step / (step @ step), 0.0, 1.0)
+        nearest = np.minimum(nearest, np.linalg.norm(away - part[:, None] * step, axis=1))
+    return nearest

@@ -36,7 +36,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return int(options.command(options))
     except HilbraceError as fault:
         if getattr(options, "json", False):
-            _print_json({"error": type(fault).__name__, "what": fault.what, "where": fault.where, "mend": fault.hint})
+            _print_json(
+                {"error": type(fault).__name__, "what": fault.what, "where": fault.where, "mend": fault.hint}
+            )
         sys.stderr.write(fault.two_lines() + "\n")
         return fault.exit_code
     except KeyboardInterrupt:
@@ -57,9 +59,14 @@ def _parser() -> argparse.ArgumentParser:
         commands, "demo", _demo, "the whole chain on the built-in synthetic subject",
         "hilbrace demo --quick --out my-first-brace",
     )  # fmt: skip
-    demo.add_argument("--quick", action="store_true", help="coarser mesh and fewer iterations, about a minute")
     demo.add_argument(
-        "--motion", choices=("serve", "gait", "squat"), default="serve", help="synthetic motion (default: serve)"
+        "--quick", action="store_true", help="coarser mesh and fewer iterations, about a minute"
+    )
+    demo.add_argument(
+        "--motion",
+        choices=("serve", "gait", "squat"),
+        default="serve",
+        help="synthetic motion (default: serve)",
     )
     _run_options(demo, default_out="hilbrace-demo")
 
@@ -67,14 +74,18 @@ def _parser() -> argparse.ArgumentParser:
         commands, "run", _run, "run the stages of a run.toml, only what changed",
         "hilbrace run my-study/run.toml --out my-study/left-knee --set domain.side=right",
     )  # fmt: skip
-    run.add_argument("source", type=Path, metavar="FOLDER|run.toml", help="run folder, or a configuration file")
+    run.add_argument(
+        "source", type=Path, metavar="FOLDER|run.toml", help="run folder, or a configuration file"
+    )
     _run_options(run, default_out=None)
 
     show = _command(commands, "show", _show, "what came out of a run folder", "hilbrace show hilbrace-demo")
     show.add_argument("folder", type=Path, metavar="FOLDER", help="run folder")
     show.add_argument("--json", action="store_true", help="print metrics.json instead of the table")
 
-    doctor = _command(commands, "doctor", _doctor, "versions, backends, threads and memory", "hilbrace doctor")
+    doctor = _command(
+        commands, "doctor", _doctor, "versions, backends, threads and memory", "hilbrace doctor"
+    )
     doctor.add_argument("--json", action="store_true", help="one JSON object on standard output")
     return parser
 
@@ -88,11 +99,21 @@ def _command(commands: Any, name: str, action: Any, text: str, example: str) -> 
 
 
 def _run_options(command: argparse.ArgumentParser, default_out: str | None) -> None:
-    where = f"default: {default_out}" if default_out else "default: the folder, or runs/<name of the file's folder>"
+    where = (
+        f"default: {default_out}"
+        if default_out
+        else "default: the folder, or runs/<name of the file's folder>"
+    )
     command.add_argument("--out", type=Path, metavar="DIR", default=default_out, help=f"run folder ({where})")
-    command.add_argument("--until", choices=STAGES, default=STAGES[-1], help="last stage to run (default: all)")
     command.add_argument(
-        "--set", action="append", default=[], metavar="A.B=VALUE", help="change one value of the configuration"
+        "--until", choices=STAGES, default=STAGES[-1], help="last stage to run (default: all)"
+    )
+    command.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="A.B=VALUE",
+        help="change one value of the configuration",
     )
     command.add_argument("--json", action="store_true", help="print metrics.json when done, and nothing else")
 

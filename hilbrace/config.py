@@ -26,8 +26,12 @@ class SubjectSettings(Section):
     """Who moves."""
 
     name: str = Field("subject", description="name used in reports")
-    mass_kg: float | None = Field(None, gt=10, lt=300, description="mass [kg]; read from the forces if left out")
-    height_m: float | None = Field(None, gt=0.8, lt=2.6, description="height [m]; from the markers if left out")
+    mass_kg: float | None = Field(
+        None, gt=10, lt=300, description="mass [kg]; read from the forces if left out"
+    )
+    height_m: float | None = Field(
+        None, gt=0.8, lt=2.6, description="height [m]; from the markers if left out"
+    )
 
 
 class MotionSettings(Section):
@@ -41,16 +45,24 @@ class MotionSettings(Section):
     plates: dict[str, Literal["right", "left", "unused"]] = Field(
         {}, description="foot on each force plate, e.g. {1 = 'right'}; found from the markers if empty"
     )
-    vertical_axis: Literal["y", "z"] | None = Field(None, description="up axis of the file; z for C3D, y for TRC")
+    vertical_axis: Literal["y", "z"] | None = Field(
+        None, description="up axis of the file; z for C3D, y for TRC"
+    )
     window: tuple[float, float] | None = Field(None, description="part of the recording to use [s]")
-    cutoff_hz: float = Field(12.0, gt=0, description="low-pass cut-off for markers' motion and forces alike [Hz]")
-    force_threshold_n: float = Field(20.0, ge=0, description="vertical force below which a foot is unloaded [N]")
+    cutoff_hz: float = Field(
+        12.0, gt=0, description="low-pass cut-off for markers' motion and forces alike [Hz]"
+    )
+    force_threshold_n: float = Field(
+        20.0, ge=0, description="vertical force below which a foot is unloaded [N]"
+    )
 
 
 class BodySettings(Section):
     """The skin."""
 
-    weight_smoothing_mm: float = Field(40.0, ge=0, description="diffusion length of the skinning weights [mm]")
+    weight_smoothing_mm: float = Field(
+        40.0, ge=0, description="diffusion length of the skinning weights [mm]"
+    )
 
 
 class BiomechSettings(Section):
@@ -71,7 +83,9 @@ class DomainSettings(Section):
     above: float = Field(0.40, gt=0.1, lt=0.8, description="upper edge, fraction of the thigh above the knee")
     below: float = Field(0.38, gt=0.1, lt=0.8, description="lower edge, fraction of the shank below the knee")
     triangles: int = Field(4000, ge=400, le=60000, description="target number of triangles")
-    seam_azimuth_deg: float = Field(180.0, description="seam around the limb: 0 anterior, 180 posterior [deg]")
+    seam_azimuth_deg: float = Field(
+        180.0, description="seam around the limb: 0 anterior, 180 posterior [deg]"
+    )
     flatten: Literal["lscm", "periodic"] = Field("periodic", description="flat map")
     frames_per_second: float = Field(15.0, gt=0, description="frames of the motion used by the design [1/s]")
 
@@ -107,10 +121,18 @@ class OptimizeSettings(Section):
     volume_fraction: float = Field(0.4, gt=0.1, lt=0.65, description="target volume fraction [-]")
     weights: LossWeights = LossWeights()
     p_norm: float = Field(20.0, ge=1, description="exponent of the worst-frame norm")
-    load_share: float = Field(0.01, gt=0, le=1, description="share of the acting force that the brace carries [-]")
-    load_window_mm: float = Field(40.0, gt=0, description="width of the load's window about the joint line [mm]")
-    passive_frontal_nm_per_deg: float = Field(5.0, gt=0, description="assumed passive knee stiffness, frontal")
-    passive_sagittal_nm_per_deg: float = Field(0.5, gt=0, description="assumed passive knee stiffness, sagittal")
+    load_share: float = Field(
+        0.01, gt=0, le=1, description="share of the acting force that the brace carries [-]"
+    )
+    load_window_mm: float = Field(
+        40.0, gt=0, description="width of the load's window about the joint line [mm]"
+    )
+    passive_frontal_nm_per_deg: float = Field(
+        5.0, gt=0, description="assumed passive knee stiffness, frontal"
+    )
+    passive_sagittal_nm_per_deg: float = Field(
+        0.5, gt=0, description="assumed passive knee stiffness, sagittal"
+    )
     passive_axial_nm_per_deg: float = Field(1.5, gt=0, description="assumed passive knee stiffness, axial")
     segmentation_every: int = Field(20, ge=1, description="iterations between refreshes of the firm/soft map")
     checkpoint_every: int = Field(5, ge=1, description="iterations between checkpoints")
@@ -119,7 +141,9 @@ class OptimizeSettings(Section):
 class PatternSettings(Section):
     """The microstructure on the surface."""
 
-    scale: float = Field(0.08, gt=0.01, lt=0.5, description="period of the cells in the flat map (paper: 0.08)")
+    scale: float = Field(
+        0.08, gt=0.01, lt=0.5, description="period of the cells in the flat map (paper: 0.08)"
+    )
     min_strut_mm: float = Field(2.0, gt=0, description="narrowest strut that can be cast [mm]")
     min_slit_mm: float = Field(1.0, ge=0, description="narrowest slit that can be cast [mm]")
     rim_mm: float = Field(8.0, ge=2, description="width of the solid bands at both edges [mm]")
@@ -160,7 +184,9 @@ def read_config(path: Path, overrides: dict[str, str] | None = None) -> Config:
     try:
         content = tomllib.loads(path.read_text("utf-8"))
     except FileNotFoundError:
-        raise ConfigError("no such file", where=str(path), hint="check the path, or start from `hilbrace demo`") from None
+        raise ConfigError(
+            "no such file", where=str(path), hint="check the path, or start from `hilbrace demo`"
+        ) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
         raise ConfigError(f"not valid TOML: {fault}", where=str(path), hint="mend the line named") from None
     apply_overrides(content, overrides or {})

@@ -59,12 +59,17 @@ def print_findings(findings: dict[str, Any]) -> None:
     for name, version in findings["packages"].items():
         table.add_row(name, version or "[red]missing: pip install hilbrace[/red]")
     worker = findings["opensim_worker"]
-    table.add_row("OpenSim worker", f"answers, {worker['version']}" if worker["answers"] else f"[red]{worker['fault']}[/red]")
+    table.add_row(
+        "OpenSim worker",
+        f"answers, {worker['version']}" if worker["answers"] else f"[red]{worker['fault']}[/red]",
+    )
     table.add_row("shell solver", findings["shell_solver"])
     table.add_row("cores, threads", f"{findings['cores']}, {findings['threads']}")
     table.add_row("memory", f"{findings['memory_free_gb']} of {findings['memory_total_gb']} GB free")
     console.print(table)
-    console.print("[green]ready[/green]" if findings["healthy"] else "[red]not ready: mend the rows in red[/red]")
+    console.print(
+        "[green]ready[/green]" if findings["healthy"] else "[red]not ready: mend the rows in red[/red]"
+    )
 
 
 def _version(package: str) -> str | None:

@@ -1,0 +1,1 @@
+"""The optimizer: losses, the joint's response, the loop, and the uniform design to compare with."""

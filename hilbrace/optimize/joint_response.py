@@ -23,7 +23,7 @@ from hilbrace.units import DEG
 
 FLEXION, ADDUCTION, ROTATION = 0, 1, 2
 DAMPING_RATIO = 0.3
-"""Damping ratio of the relaxed joint [-]; an assumption (Zhang & Wang 2001 report it constant over effort)."""
+"""Damping ratio of the relaxed joint [-], assumed; Zhang & Wang 2001 report it constant over effort."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def joint_motion(
             f"{len(loads.time)} frames are too few for a motion", where="biomech", hint="widen motion.window"
         )
     index = loads.joints.index(joint)
-    count = max(3, int(round((loads.time[-1] - loads.time[0]) * rate_hz)) + 1)
+    count = max(3, round((loads.time[-1] - loads.time[0]) * rate_hz) + 1)
     time = np.linspace(loads.time[0], loads.time[-1], count)
     angles = _resample(time, loads.time, loads.angles[:, index])
     inertia = _resample(time, loads.time, loads.inertia[:, index].reshape(-1, 9)).reshape(-1, 3, 3)

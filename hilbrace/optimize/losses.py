@@ -2,7 +2,7 @@
 
 ``total`` divides each by its value at the start, as the paper does. Three of them need a word:
 
-* L1. The frontal angle is a few degrees and a soft sleeve changes it by a per cent, so ``L1 / L1_start`` would
+* L1. The frontal angle is a few degrees and a soft sleeve changes it by a per cent: ``L1 / L1_start`` would
   be one for every design. The controlled angles are therefore measured by the change that the first
   (uniform) brace makes to them, the preserved ones by their own start; see `relative_stability`.
 * L4 and L5 are zero for a uniform field of the right volume. Their start value is not taken below that of

@@ -82,7 +82,9 @@ def read_metrics(folder: Path) -> dict[str, Any]:
     try:
         return json.loads(path.read_text("utf-8"))
     except FileNotFoundError:
-        raise InputError("no run in this folder", where=str(folder), hint="run `hilbrace demo` or `hilbrace run`") from None
+        raise InputError(
+            "no run in this folder", where=str(folder), hint="run `hilbrace demo` or `hilbrace run`"
+        ) from None
     except ValueError as fault:
         raise InputError(f"damaged: {fault}", where=str(path), hint="run the folder again") from fault
 
@@ -98,7 +100,11 @@ def _run_stage(
     own = folder / stage.name
     own.mkdir(exist_ok=True)
     by_name = {each.name: each for each in STAGES}
-    records = {name: load(by_name[name].kind, folder / by_name[name].file) for name in stage.needs if by_name[name].kind}
+    records = {
+        name: load(by_name[name].kind, folder / by_name[name].file)
+        for name in stage.needs
+        if by_name[name].kind
+    }
     runs.log_event(folder, "start", stage=stage.name, key=key)
     start = time.perf_counter()
     with display(console, stage.name) as progress:

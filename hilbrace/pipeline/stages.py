@@ -43,7 +43,9 @@ def motion(inputs: Inputs) -> Outcome:
         trial = replace(trial, name=f"synthetic {settings.synthetic}", origin="synthetic")
     elif settings.markers is None:
         raise ConfigError(
-            "no motion is named", where="motion", hint="set motion.markers to a C3D or TRC file, or motion.synthetic"
+            "no motion is named",
+            where="motion",
+            hint="set motion.markers to a C3D or TRC file, or motion.synthetic",
         )
     else:
         trial = read_trial(settings, inputs.config.subject)
@@ -149,7 +151,9 @@ def pattern(inputs: Inputs) -> Outcome:
 def solid(inputs: Inputs) -> Outcome:
     """Thicken the struts into one closed body."""
     config, drawn = inputs.config, inputs.records["pattern"]
-    record = build_solid(drawn, inputs.records["domain"], inputs.records["optimize"], config.material, config.solid)
+    record = build_solid(
+        drawn, inputs.records["domain"], inputs.records["optimize"], config.material, config.solid
+    )
     files = tuple(inputs.folder / f"brace.{kind}" for kind in ("stl", "ply", "glb"))
     for path in files:
         write_surface(path, record.vertices, record.triangles)

@@ -25,7 +25,9 @@ PAINTED = frozenset({"key_frames", "field_on_leg", "soft_and_firm", "solid", "br
 """Pictures made of many triangles: PNG in the page. The others are drawings: SVG."""
 
 
-def build_report(folder: Path, config: Config, records: dict[str, Any], metrics: dict[str, dict[str, Any]]) -> list[Path]:
+def build_report(
+    folder: Path, config: Config, records: dict[str, Any], metrics: dict[str, dict[str, Any]]
+) -> list[Path]:
     """Draw every picture and write ``index.html``, which needs no other file and no network.
 
     Args:
@@ -88,10 +90,16 @@ def _image(content: bytes, kind: str) -> str:
 
 
 def _page(
-    config: Config, records: dict[str, Any], metrics: dict[str, dict[str, Any]], inline: dict[str, str], view: str
+    config: Config,
+    records: dict[str, Any],
+    metrics: dict[str, dict[str, Any]],
+    inline: dict[str, str],
+    view: str,
 ) -> str:
     environment = Environment(autoescape=True)
-    template = environment.from_string(resources.files("hilbrace.report").joinpath("page.html.j2").read_text("utf-8"))
+    template = environment.from_string(
+        resources.files("hilbrace.report").joinpath("page.html.j2").read_text("utf-8")
+    )
 
     def figure(name: str, caption: str) -> Markup:
         return Markup('<figure><img alt="{}" src="{}"><figcaption>{}</figcaption></figure>').format(
@@ -144,7 +152,9 @@ def _stiffness_rows(brace: dict[str, Any]) -> list[tuple[str, str, str]]:
         rows.append((f"{plane}, straight leg [N*m/deg]", f"{own:.4f}", f"{plain:.4f}"))
     for posture in brace["postures"][1:]:
         own, plain = posture["frontal_nm_per_deg"], posture["frontal_uniform_nm_per_deg"]
-        rows.append((f"frontal, {posture['flexion_deg']:.0f} deg flexion [N*m/deg]", f"{own:.4f}", f"{plain:.4f}"))
+        rows.append(
+            (f"frontal, {posture['flexion_deg']:.0f} deg flexion [N*m/deg]", f"{own:.4f}", f"{plain:.4f}")
+        )
     return rows
 
 
@@ -157,4 +167,6 @@ def _figure_rows(metrics: dict[str, dict[str, Any]]) -> list[tuple[str, str]]:
         ("pattern", "area_fraction"), ("solid", "volume_ml"), ("solid", "volume_error"), ("solid", "triangles"),
         ("solid", "genus"), ("solid", "manifold_status"), ("solid", "thickness_p01_mm"),
     )  # fmt: skip
-    return [(f"{group}.{key}", str(metrics[group][key])) for group, key in wanted if key in metrics.get(group, {})]
+    return [
+        (f"{group}.{key}", str(metrics[group][key])) for group, key in wanted if key in metrics.get(group, {})
+    ]

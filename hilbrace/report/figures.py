@@ -120,7 +120,9 @@ def flat_map(domain: Domain, design: Design) -> Figure:
     figure = Figure(figsize=(5.4, 4.6), layout="constrained")
     axes = figure.add_subplot()
     u, v = domain.uv.T
-    image = axes.tripcolor(u, v, domain.cut_triangles, design.d_triangle, cmap=FIELD, vmin=0, vmax=1, rasterized=True)
+    image = axes.tripcolor(
+        u, v, domain.cut_triangles, design.d_triangle, cmap=FIELD, vmin=0, vmax=1, rasterized=True
+    )
     firm = design.firm_vertex[domain.weld]
     if firm.min() < 0.5 < firm.max():
         axes.tricontour(u, v, domain.cut_triangles, firm, levels=[0.5], colors="white", linewidths=1.2)
@@ -147,8 +149,12 @@ def stiffness(design: Design) -> Figure:
     flexion = np.rad2deg(design.stiffness_flexions)
     for place, (column, name) in enumerate(((1, "frontal: firm is good"), (0, "sagittal: soft is good"))):
         axes = figure.add_subplot(1, 2, place + 1)
-        axes.plot(flexion, 1000 * design.stiffness_posed_uniform[:, column], "o--", color="#9aa5ad", label="uniform")
-        axes.plot(flexion, 1000 * design.stiffness_posed[:, column], "o-", color=SERIES[place], label="optimized")
+        axes.plot(
+            flexion, 1000 * design.stiffness_posed_uniform[:, column], "o--", color="#9aa5ad", label="uniform"
+        )
+        axes.plot(
+            flexion, 1000 * design.stiffness_posed[:, column], "o-", color=SERIES[place], label="optimized"
+        )
         axes.set(xlabel="knee flexion [deg]", ylabel="stiffness [N*mm/deg]", title=name)
         axes.set_ylim(bottom=0)
         axes.legend(frameon=False)
@@ -182,7 +188,9 @@ def brace_on_body(brace: Solid, body: Body, joint: str) -> Figure:
         [np.broadcast_to(SKIN, (len(body.triangles), 3)), np.broadcast_to(BRACE, (len(brace.triangles), 3))]
     )
     outer = 0.8 if joint.endswith("_r") else -0.8
-    for place, (towards, reach) in enumerate((((0.8, 0.1, outer), None), ((0.8, 0.1, outer), 0.33), ((-0.9, 0.1, outer), 0.33))):
+    for place, (towards, reach) in enumerate(
+        (((0.8, 0.1, outer), None), ((0.8, 0.1, outer), 0.33), ((-0.9, 0.1, outer), 0.33))
+    ):
         axes = figure.add_subplot(1, 3, place + 1)
         paint(axes, vertices - centre, triangles, colours, towards)
         if reach is not None:
@@ -202,7 +210,12 @@ def _four_sides(vertices: Array, triangles: Array, colours: object, joint: str) 
 
 
 def _ground_forces(
-    axes: Axes, trial: Trial, frame: int, centre: Float[Array, "3"], towards: tuple[float, float, float], shift: float
+    axes: Axes,
+    trial: Trial,
+    frame: int,
+    centre: Float[Array, "3"],
+    towards: tuple[float, float, float],
+    shift: float,
 ) -> None:
     from hilbrace.report.paint import screen_axes
 
@@ -215,7 +228,9 @@ def _ground_forces(
         start = trial.centre_of_pressure[frame, foot] - centre
         end = start + scale * force
         tip, tail = (end @ right + shift, end @ up), (start @ right + shift, start @ up)
-        axes.annotate("", tip, tail, arrowprops={"arrowstyle": "-|>", "color": SERIES[1], "linewidth": 1.8}, zorder=5)
+        axes.annotate(
+            "", tip, tail, arrowprops={"arrowstyle": "-|>", "color": SERIES[1], "linewidth": 1.8}, zorder=5
+        )
 
 
 def _plot(ylabel: str, xlabel: str = "time [s]") -> tuple[Figure, Axes]:

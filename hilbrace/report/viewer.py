@@ -28,11 +28,16 @@ def turnable(body: Body, domain: Domain, design: Design, brace: Solid) -> str:
     """An ``<iframe>`` with the leg twice: with the design variable, and with the solid brace."""
     leg_vertices, leg_triangles = leg_around(body, domain.joint)
     shift = np.array([0.0, 0.0, 1.15 * np.ptp(leg_vertices[:, 2]) + 60.0])
-    lifted = domain.vertices + 1.5 * trimesh.Trimesh(domain.vertices, domain.triangles, process=False).vertex_normals
+    lifted = (
+        domain.vertices
+        + 1.5 * trimesh.Trimesh(domain.vertices, domain.triangles, process=False).vertex_normals
+    )
     values = np.where(design.rim, 1.0, design.d_triangle)
     scene = trimesh.Scene()
     scene.add_geometry(_coloured(leg_vertices, leg_triangles, SKIN), "leg with field")
-    scene.add_geometry(_coloured(lifted, domain.triangles, colormaps[FIELD](values)[:, :3]), "design variable")
+    scene.add_geometry(
+        _coloured(lifted, domain.triangles, colormaps[FIELD](values)[:, :3]), "design variable"
+    )
     scene.add_geometry(_coloured(leg_vertices + shift, leg_triangles, SKIN), "leg with brace")
     vertices, triangles = _lighter(brace)
     scene.add_geometry(_coloured(vertices + shift, triangles, BRACE), "brace")
@@ -42,14 +47,18 @@ def turnable(body: Body, domain: Domain, design: Design, brace: Solid) -> str:
 
 def leg_around(body: Body, joint: str) -> tuple[Float[Array, "vertex 3"], Int[Array, "triangle 3"]]:
     """The skin of the braced leg in the domain's frame [mm], hip to ankle."""
-    name, side = joint.split("_")
+    side = joint.split("_")[1]
     centre = body.joint_centres[body.joint_names.index(joint)]
     hip = body.joint_centres[body.joint_names.index(f"hip_{side}")]
     ankle = body.joint_centres[body.joint_names.index(f"ankle_{side}")]
     middle = body.vertices[body.triangles].mean(axis=1)
     height = middle[:, 1]
     own_side = middle[:, 2] > 0 if side == "r" else middle[:, 2] < 0
-    carried = [body.bones.index(bone) for bone in body.bones if bone.endswith(f"_{side}") and bone[:4] in ("femu", "tibi")]
+    carried = [
+        body.bones.index(bone)
+        for bone in body.bones
+        if bone.endswith(f"_{side}") and bone[:4] in ("femu", "tibi")
+    ]
     on_leg = body.bone_weights[:, carried].sum(axis=1)[body.triangles].mean(axis=1) > 0.5
     kept = own_side & on_leg & (height < hip[1] - 0.08) & (height > ankle[1] + 0.02)
     used, triangles = np.unique(body.triangles[kept], return_inverse=True)

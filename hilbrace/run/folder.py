@@ -121,7 +121,8 @@ def is_current(folder: Path, entry: StageEntry | None, key: str) -> bool:
     if entry is None or entry.key != key:
         return False
     return all(
-        (folder / name).is_file() and file_digest(folder / name) == value for name, value in entry.files.items()
+        (folder / name).is_file() and file_digest(folder / name) == value
+        for name, value in entry.files.items()
     )
 
 

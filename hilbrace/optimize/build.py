@@ -1,0 +1,144 @@
+"""The optimize stage: from loads and domain to the design."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from hilbrace.biomech.joint_loads import JointLoads
+from hilbrace.config import MaterialSettings, OptimizeSettings, PatternSettings
+from hilbrace.domain.domain import Domain
+from hilbrace.optimize.design import LOSSES, Design
+from hilbrace.optimize.evaluate import Material, design_variable, material_of, mechanics_of
+from hilbrace.optimize.loop import run_loop
+from hilbrace.optimize.problem import Problem, build_problem
+from hilbrace.run.progress import Report, silent
+from hilbrace.run.records import write_atomic
+from hilbrace.units import DEG
+
+Array = np.ndarray
+
+
+def optimize_design(
+    loads: JointLoads,
+    domain: Domain,
+    settings: OptimizeSettings,
+    material: MaterialSettings,
+    pattern: PatternSettings,
+    checkpoint: Path,
+    key: str = "",
+    progress: Report = silent,
+) -> tuple[Design, float]:
+    """Optimize the distribution of the microstructures.
+
+    Args:
+        loads: Kinematics and loads of the joints.
+        domain: The brace's surface and its motion.
+        settings: The optimizer's settings.
+        material: The rubber and its microstructures.
+        pattern: Scale, limits of casting and rims.
+        checkpoint: File that an interrupted run goes on from.
+        key: What the checkpoint must belong to.
+        progress: Called with (iterations done, iterations in all).
+
+    Returns:
+        The design, and the median time of an iteration [s].
+
+    Raises:
+        SolverError: A loss is not finite.
+    """
+    problem = build_problem(loads, domain, settings, material, pattern)
+    state, firm, last, seconds = run_loop(problem, checkpoint, key, progress)
+    uniform = uniform_design(problem, last.material)
+    with torch.no_grad():
+        plain = mechanics_of(problem, uniform.modulus)
+        theta, bias = torch.from_numpy(state.theta), torch.from_numpy(np.array(state.bias))
+        d_vertex = design_variable(problem, problem.vertices, firm.vertices, theta, bias)
+    mechanics = last.mechanics
+    stiffness = _per_degree(mechanics.stiffness)
+    stiffness_uniform = _per_degree(plain.stiffness)
+    reactions = mechanics.response.reactions.numpy()
+    return Design(
+        seed=settings.seed,
+        iterations=state.iteration,
+        parameters=state.theta,
+        d_triangle=last.material.d.numpy(),
+        d_vertex=d_vertex.numpy(),
+        width_triangle=problem.cells.width(last.material.d, firm.triangles).numpy(),
+        width_vertex=problem.cells.width(d_vertex, firm.vertices).numpy(),
+        youngs_modulus=last.material.modulus.numpy(),
+        volume_fraction_triangle=last.material.volume.numpy(),
+        firm_triangle=firm.triangles.numpy(),
+        firm_vertex=_closed(firm.vertices.numpy(), domain),
+        rim=problem.rim.numpy(),
+        energy_density=problem.unit_energy.numpy(),
+        history=state.history,
+        losses_initial=state.losses_initial,
+        losses_final=last.terms.numpy(),
+        stiffness=stiffness[0],
+        stiffness_uniform=stiffness_uniform[0],
+        stiffness_flexions=np.array([posture.flexion for posture in problem.postures]),
+        stiffness_posed=stiffness,
+        stiffness_posed_uniform=stiffness_uniform,
+        angle_change=_at_frames(mechanics.change.numpy(), problem.motion.time.numpy(), domain.time),
+        reaction_upper=reactions[:, 0:3],
+        reaction_lower=reactions[:, 6:9],
+        volume_fraction=_fraction(problem, last.material),
+        volume_fraction_uniform=_fraction(problem, uniform),
+    ), seconds
+
+
+def uniform_design(problem: Problem, wanted: Material) -> Material:
+    """One volume fraction of the firm microstructure everywhere, and in all the same volume as a design.
+
+    This is the unoptimized brace of the paper's comparison, a uniform Voronoi pattern with the same solid
+    rims. The limits of casting do not bind it.
+
+    Args:
+        problem: The design task.
+        wanted: The design whose volume it shall have.
+    """
+    firm = torch.ones_like(problem.areas)
+    target = _fraction(problem, wanted)
+    low, high = -0.5, 1.5
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        made = material_of(problem, torch.full_like(problem.areas, middle), firm)
+        low, high = (middle, high) if _fraction(problem, made) < target else (low, middle)
+    return material_of(problem, torch.full_like(problem.areas, 0.5 * (low + high)), firm)
+
+
+def write_history_csv(design: Design, path: Path) -> None:
+    """Write the normalised losses, one row per iteration."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["iteration", *(f"L{index + 1}_{name}" for index, name in enumerate(LOSSES)), "total"])
+    for iteration, row in enumerate(design.history):
+        table.writerow([iteration, *(f"{value:.10g}" for value in row)])
+    write_atomic(path, text.getvalue().encode())
+
+
+def _per_degree(stiffness: Float[Tensor, "posture 3 3"]) -> Float[Array, "posture 3"]:
+    """Diagonal of the stiffness about the joint's axes [N*m/deg]."""
+    return torch.diagonal(stiffness, dim1=1, dim2=2).numpy() * DEG
+
+
+def _fraction(problem: Problem, material: Material) -> float:
+    return float((material.volume * problem.areas).sum() / problem.areas.sum())
+
+
+def _closed(at_cut_vertices: Float[Array, " cut_vertex"], domain: Domain) -> Float[Array, " vertex"]:
+    """Values of the closed mesh's vertices; copies along the seam hold the same value."""
+    closed = np.zeros(len(domain.vertices))
+    closed[domain.weld] = at_cut_vertices
+    return closed
+
+
+def _at_frames(values: Float[Array, "sample 3"], time: Array, frames: Array) -> Float[Array, "frame 3"]:
+    return np.stack([np.interp(frames, time, column) for column in values.T], axis=1)

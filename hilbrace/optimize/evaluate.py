@@ -1,0 +1,151 @@
+"""From the field's parameters to the losses: one forward pass of the design loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from hilbrace.field import project
+from hilbrace.optimize import losses
+from hilbrace.optimize.joint_response import (
+    ADDUCTION,
+    FLEXION,
+    angle_change,
+    stiffness_along,
+)
+from hilbrace.optimize.problem import Place, Problem, seam_pairs, width_limits
+from hilbrace.shell import ShellResponse, joint_stiffness, loop_stiffness, shell_response
+from hilbrace.units import MM_PER_M
+
+CONTRAST = 2.0
+"""Change of the sigmoid's argument when all neurons around a point change by one [-]."""
+
+
+@dataclass(frozen=True)
+class Firmness:
+    """The firm fraction at the two places where the field is sampled.
+
+    Attributes:
+        triangles: At triangle centres [-].
+        vertices: At the cut vertices [-].
+    """
+
+    triangles: Float[Tensor, " triangle"]
+    vertices: Float[Tensor, " cut_vertex"]
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a field means at the triangles.
+
+    Attributes:
+        d: Design variable [-].
+        modulus: Effective Young's modulus [MPa].
+        volume: Volume fraction [-].
+    """
+
+    d: Float[Tensor, " triangle"]
+    modulus: Float[Tensor, " triangle"]
+    volume: Float[Tensor, " triangle"]
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """What a modulus does.
+
+    Attributes:
+        response: Compliance, reactions and loop stiffness of the rest shape.
+        stiffness: Stiffness about the joint's axes in each posture [N*m/rad].
+        change: Change of the joint's angles on the response's clock [rad].
+    """
+
+    response: ShellResponse
+    stiffness: Float[Tensor, "posture 3 3"]
+    change: Float[Tensor, "frame 3"]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """One forward pass.
+
+    Attributes:
+        material: The field's meaning.
+        mechanics: Its consequences.
+        stability: The two sums of L1.
+        terms: L1..L5, not normalised.
+    """
+
+    material: Material
+    mechanics: Mechanics
+    stability: losses.Stability
+    terms: Float[Tensor, "5"]
+
+
+def design_variable(
+    problem: Problem, place: Place, firm: Float[Tensor, " point"], theta: Tensor, bias: Tensor
+) -> Float[Tensor, " point"]:
+    """The field, projected into the range that can be cast (paper, Sec. Network Architecture).
+
+    Args:
+        problem: The design task.
+        place: Where to sample.
+        firm: Firm fraction there.
+        theta: Parameters of the field.
+        bias: Level of the field.
+    """
+    low, high = width_limits(problem, place, firm)
+    return low + (high - low) * project(place.field.logits(theta, CONTRAST), bias)
+
+
+def material_of(
+    problem: Problem, d: Float[Tensor, " triangle"], firm: Float[Tensor, " triangle"]
+) -> Material:
+    """Modulus and volume fraction of the triangles; the rims are solid."""
+    modulus = problem.solid_modulus * problem.cells.modulus(d, firm)
+    volume = problem.cells.volume(d, firm)
+    solid = torch.full_like(d, problem.solid_modulus)
+    return Material(
+        d, torch.where(problem.rim, solid, modulus), torch.where(problem.rim, torch.ones_like(d), volume)
+    )
+
+
+def mechanics_of(problem: Problem, modulus: Float[Tensor, " triangle"]) -> Mechanics:
+    """Solve the shell and let the joint respond."""
+    rest, *others = problem.postures
+    response = shell_response(modulus, rest.shell, problem.load)
+    stiffness = [joint_stiffness(response.loop_stiffness, rest.shell, rest.axes)]
+    for posture in others:
+        stiffness.append(joint_stiffness(loop_stiffness(modulus, posture.shell), posture.shell, posture.axes))
+    about_joint = torch.stack(stiffness) / MM_PER_M
+    flexions = torch.tensor([posture.flexion for posture in problem.postures], dtype=torch.float64)
+    along = stiffness_along(problem.motion.angles[:, FLEXION], flexions, about_joint)
+    return Mechanics(response, about_joint, angle_change(problem.motion, along))
+
+
+def evaluate(problem: Problem, firm: Firmness, theta: Tensor, bias: Tensor) -> Evaluation:
+    """Losses of a field.
+
+    Args:
+        problem: The design task.
+        firm: The firm and soft map.
+        theta: Parameters of the field.
+        bias: Level of the field.
+    """
+    d = design_variable(problem, problem.triangles, firm.triangles, theta, bias)
+    material = material_of(problem, d, firm.triangles)
+    mechanics = mechanics_of(problem, material.modulus)
+    stability = losses.joint_stability(problem.motion.angles, mechanics.change, (FLEXION,), (ADDUCTION,))
+    d_vertex = design_variable(problem, problem.vertices, firm.vertices, theta, bias)
+    terms = torch.stack(
+        [
+            stability.loss,
+            losses.elastic_energy(material.modulus, problem.unit_energy, problem.areas),
+            losses.compliance(mechanics.response.compliance, problem.settings.p_norm),
+            losses.volume(material.volume, problem.areas, problem.settings.volume_fraction),
+            losses.seam(d_vertex, seam_pairs(problem.domain)),
+        ]
+    )
+    return Evaluation(material, mechanics, stability, terms)

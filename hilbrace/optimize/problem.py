@@ -1,0 +1,207 @@
+"""What stays the same while the field changes: shells, loads, energies, limits and curves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from hilbrace.biomech.joint_loads import JointLoads
+from hilbrace.config import MaterialSettings, OptimizeSettings, PatternSettings
+from hilbrace.domain.domain import Domain, RimBand
+from hilbrace.domain.rim import rim_band
+from hilbrace.field import GaussianField
+from hilbrace.material.curves import Microstructures, load_microstructures
+from hilbrace.material.neo_hookean import worst_energy_density
+from hilbrace.material.strut_width import effective_scale, map_length, maximum_width, minimum_width
+from hilbrace.optimize.joint_response import FLEXION, JointMotion, joint_motion
+from hilbrace.shell import LoadPattern, ShellModel, build_shell, joint_line_shares, pose_shell
+
+Array = np.ndarray
+
+POSTURE_GAP = np.deg2rad(15.0)
+"""Postures closer than this in flexion are one [rad]."""
+
+
+@dataclass(frozen=True)
+class Posture:
+    """A shape in which the brace's stiffness is evaluated.
+
+    Attributes:
+        flexion: Flexion of the joint [rad].
+        shell: The shell in this shape, free of stress.
+        axes: Unit axes of flexion, adduction, rotation in the brace's frame [-].
+    """
+
+    flexion: float
+    shell: ShellModel
+    axes: Float[Array, "3 3"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the field is sampled, and how its widths translate there.
+
+    Attributes:
+        field: The Gaussians at these points.
+        mm_per_uv: Length of one unit of the flat map [mm].
+    """
+
+    field: GaussianField
+    mm_per_uv: Float[Tensor, " point"]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One design task.
+
+    Attributes:
+        domain: The brace's surface.
+        triangles: The field at triangle centres.
+        vertices: The field at the cut vertices.
+        areas: Areas of the triangles [mm^2].
+        rim: Triangles that stay solid.
+        cells: Curves of the two microstructures.
+        solid_modulus: Young's modulus of the rubber [MPa].
+        scale: Period of the cells in the flat map, closed around the limb.
+        limits: Narrowest strut and narrowest slit [mm].
+        blend_mm: Width of the transition from firm to soft [mm].
+        unit_energy: Worst elastic energy density over the motion for unit modulus [-].
+        motion: The joint's motion.
+        postures: Shapes for the stiffness, flexion rising; the first is the rest shape.
+        load: Acting force of every frame on the rest shape.
+        settings: The optimizer's settings.
+    """
+
+    domain: Domain
+    triangles: Place
+    vertices: Place
+    areas: Float[Tensor, " triangle"]
+    rim: Bool[Tensor, " triangle"]
+    cells: Microstructures
+    solid_modulus: float
+    scale: float
+    limits: tuple[float, float]
+    blend_mm: float
+    unit_energy: Float[Tensor, " triangle"]
+    motion: JointMotion
+    postures: tuple[Posture, ...]
+    load: LoadPattern
+    settings: OptimizeSettings
+
+
+def build_problem(
+    loads: JointLoads,
+    domain: Domain,
+    settings: OptimizeSettings,
+    material: MaterialSettings,
+    pattern: PatternSettings,
+) -> Problem:
+    """Prepare a design task.
+
+    Args:
+        loads: Kinematics and loads of the joints.
+        domain: The brace's surface and its motion.
+        settings: The optimizer's settings.
+        material: The rubber and its microstructures.
+        pattern: Scale, limits of casting and rims.
+    """
+    length = map_length(domain.vertices, domain.triangles, domain.uv, domain.cut_triangles)
+    corner_uv = domain.uv[domain.cut_triangles]
+    rest = build_shell(
+        domain.vertices,
+        domain.triangles,
+        domain.upper_loop,
+        domain.lower_loop,
+        material.thickness_mm,
+        material.poisson,
+    )
+    edges = domain.vertices[domain.triangles]
+    areas = 0.5 * np.linalg.norm(np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]), axis=1)
+    band: RimBand = rim_band(domain, pattern.rim_mm)
+    passive = (
+        settings.passive_sagittal_nm_per_deg,
+        settings.passive_frontal_nm_per_deg,
+        settings.passive_axial_nm_per_deg,
+    )
+    return Problem(
+        domain=domain,
+        triangles=_place(corner_uv.mean(axis=1), length, settings.sigma, domain.period_u),
+        vertices=_place(domain.uv, _at_cut_vertices(length, domain), settings.sigma, domain.period_u),
+        areas=torch.from_numpy(areas),
+        rim=torch.from_numpy(band.triangles),
+        cells=load_microstructures(soft=material.soft, firm=material.firm),
+        solid_modulus=material.youngs_modulus_mpa,
+        scale=effective_scale(pattern.scale, domain.period_u),
+        limits=(pattern.min_strut_mm, pattern.min_slit_mm),
+        blend_mm=pattern.blend_mm,
+        unit_energy=torch.from_numpy(worst_energy_density(domain.deformation, material.poisson)),
+        motion=joint_motion(loads, domain.joint, passive),
+        postures=_postures(loads, domain, rest),
+        load=_load(loads, domain, settings),
+        settings=settings,
+    )
+
+
+def width_limits(
+    problem: Problem, place: Place, firm: Float[Tensor, " point"]
+) -> tuple[Float[Tensor, " point"], Float[Tensor, " point"]]:
+    """Range of the design variable in which struts and slits can be cast, at each point.
+
+    Args:
+        problem: The design task.
+        place: The points.
+        firm: Firm fraction at the points.
+    """
+    strut, slit = problem.limits
+    cells = problem.cells
+    low = cells.design_variable(minimum_width(strut, problem.scale, place.mm_per_uv), firm).clamp(0.0, 0.9)
+    pinch = cells.pinch_width(firm)
+    high = cells.design_variable(maximum_width(pinch, slit, problem.scale, place.mm_per_uv), firm)
+    return low, torch.maximum(high.clamp(max=1.0), low + 0.1)
+
+
+def _place(points: Array, mm_per_uv: Array, sigma: float, period_u: float) -> Place:
+    return Place(GaussianField(points, sigma, period_u=period_u), torch.from_numpy(mm_per_uv))
+
+
+def _at_cut_vertices(values: Float[Array, " triangle"], domain: Domain) -> Float[Array, " cut_vertex"]:
+    corners = domain.cut_triangles.ravel()
+    count = len(domain.uv)
+    return np.bincount(corners, np.repeat(values, 3), count) / np.bincount(corners, minlength=count)
+
+
+def _postures(loads: JointLoads, domain: Domain, rest: ShellModel) -> tuple[Posture, ...]:
+    """The rest shape, the shape under the peak acting force and the shape of deepest flexion."""
+    joint = loads.joints.index(domain.joint)
+    frames = np.array([int(np.argmin(np.abs(loads.time - instant))) for instant in domain.time])
+    flexion = loads.angles[frames, joint, FLEXION]
+    force = np.linalg.norm(loads.acting_force[frames, joint], axis=1)
+    axes = loads.joint_axes[:, joint]
+    postures = [Posture(0.0, rest, _unit(axes.mean(axis=0)))]
+    for kept in sorted({int(force.argmax()), int(flexion.argmax())}, key=lambda frame: flexion[frame]):
+        if flexion[kept] - postures[-1].flexion > POSTURE_GAP:
+            shell = pose_shell(rest, domain.posed[kept])
+            postures.append(Posture(float(flexion[kept]), shell, axes[frames[kept]]))
+    return tuple(postures)
+
+
+def _unit(axes: Float[Array, "axis 3"]) -> Float[Array, "axis 3"]:
+    return axes / np.linalg.norm(axes, axis=1, keepdims=True)
+
+
+def _load(loads: JointLoads, domain: Domain, settings: OptimizeSettings) -> LoadPattern:
+    joint = loads.joints.index(domain.joint)
+    force = np.stack(
+        [np.interp(domain.time, loads.time, loads.acting_force[:, joint, axis]) for axis in range(3)], axis=1
+    )
+    shares = joint_line_shares(domain.vertices, domain.triangles, settings.load_window_mm)
+    return LoadPattern(shares, torch.from_numpy(settings.load_share * force))
+
+
+def seam_pairs(domain: Domain) -> Int[Tensor, "pair 2"]:
+    """The seam's pairs as a tensor."""
+    return torch.from_numpy(np.asarray(domain.seam_pairs, dtype=np.int64))

@@ -1,0 +1,250 @@
+"""The biomechanics stage: from a recorded motion to the net loads across knees and ankles.
+
+Scale, calibrate and follow (`kinematics`), low-pass the coordinates, then Newton-Euler (`dynamics`). The
+acting force is the net force of the proximal on the distal segment: muscles count as their pull on the
+proximal bone, so that contact force less muscle forces is what the segments below need to move as they do
+against the ground reaction (paper, Eq. 1). It needs no estimate of single muscles.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from hilbrace.biomech import dynamics
+from hilbrace.biomech.dynamics import GroundReaction, Momenta
+from hilbrace.biomech.engine import Engine, Report
+from hilbrace.biomech.joint_loads import JOINTS, JointLoads
+from hilbrace.biomech.kinematics import Kinematics, calibrate, follow, own_markers
+from hilbrace.biomech.model_figures import ModelFigures
+from hilbrace.body.body import Body
+from hilbrace.config import BiomechSettings, MotionSettings
+from hilbrace.errors import InputError
+from hilbrace.motion.filters import lowpass
+from hilbrace.motion.trial import Trial
+from hilbrace.run.progress import silent
+
+if TYPE_CHECKING:
+    from hilbrace.motion.marker_maps import MarkerMap
+
+Array = np.ndarray
+
+SIDE = {"r": "right", "l": "left"}
+MASS_MISMATCH = 0.15
+"""Difference between a user's model and the subject above which the model counts as unscaled [-]."""
+
+
+class JointOfModel(NamedTuple):
+    """Where a joint of `JOINTS` is found in a model.
+
+    Attributes:
+        distal: Body that carries the frame of the loads.
+        below: Bodies below the joint, the distal one included.
+        coordinates: Coordinates of flexion, adduction and rotation; the ankle has two.
+        movers: Body whose turn shows the axis of each coordinate.
+        foot: Name of the foot below.
+    """
+
+    distal: str
+    below: tuple[str, ...]
+    coordinates: tuple[str, ...]
+    movers: tuple[str, ...]
+    foot: str
+
+
+def joint_of_model(joint: str) -> JointOfModel:
+    """Names of the bodies and coordinates of ``"knee_r"``, ``"ankle_l"``, ..."""
+    name, side = joint.split("_")
+    tibia, talus, calcn, toes = (f"{body}_{side}" for body in ("tibia", "talus", "calcn", "toes"))
+    if name == "knee":
+        turns = tuple(f"knee_{motion}_{side}" for motion in ("angle", "adduction", "rotation"))
+        return JointOfModel(tibia, (tibia, talus, calcn, toes), turns, (tibia,) * 3, SIDE[side])
+    turns = (f"ankle_angle_{side}", f"subtalar_angle_{side}")
+    return JointOfModel(talus, (talus, calcn, toes), turns, (talus, calcn), SIDE[side])
+
+
+def compute_joint_loads(
+    trial: Trial,
+    body: Body,
+    marker_map: MarkerMap,
+    motion: MotionSettings,
+    biomech: BiomechSettings,
+    progress: Report = silent,
+) -> JointLoads:
+    """Angles and net loads of knees and ankles, per frame.
+
+    The built-in model is scaled by the body's factors and mass. A model of the user (``biomech.model``) is
+    used as it is, with its own markers, which the recording must name alike; only its knees gain adduction
+    and rotation. It must be scaled to the subject.
+
+    Args:
+        trial: The motion, its forces filtered.
+        body: The subject's segment scales and mass.
+        marker_map: Meaning of the marker names; a user's model needs only its ignored names.
+        motion: Cut-off frequency.
+        biomech: Model and regularisation of the knees.
+        progress: Called with (done, total) frames of the fit.
+
+    Raises:
+        InputError: Markers do not suffice, or the model does not fit the subject.
+        SolverError: The fit or the OpenSim process fails.
+    """
+    hold = biomech.knee_regularisation
+    with Engine() as engine:
+        if biomech.model is None:
+            figures = ModelFigures(
+                **engine.call(
+                    "build_model",
+                    bodies=body.scaled_bodies,
+                    scales=body.segment_scales,
+                    mass_kg=body.mass_kg,
+                )
+            )
+            markers, start, said = calibrate(engine, figures, trial, marker_map, hold)
+        else:
+            figures = ModelFigures(**engine.call("read_model", path=str(biomech.model.resolve())))
+            said = _check_own_model(figures, body.mass_kg, str(biomech.model))
+            markers, start = own_markers(figures)
+        fitted = follow(engine, figures, trial, markers, start, marker_map.ignored, hold, progress)
+        smooth = lowpass(fitted.coordinates, trial.rate_hz, motion.cutoff_hz)
+        poses = engine.call("poses", coordinates=smooth)
+        joints = [joint_of_model(joint) for joint in JOINTS]
+        moving = tuple(name for joint in joints for name in joint.coordinates)
+        watched = tuple(dict.fromkeys(name for joint in joints for name in joint.below))
+        partial = engine.call("partial_velocities", coordinates=smooth, moving=moving, bodies=watched)
+    model = _Moved(figures, poses["rotations"], poses["origins"], moving, watched, partial)
+    return _loads(trial, model, smooth, fitted, said, motion.cutoff_hz, biomech.convention)
+
+
+class _Moved(NamedTuple):
+    """A model over the frames of a motion: poses of all bodies, partial velocities of some.
+
+    ``partial[frame, body, 0 | 1, :, coordinate]`` is the angular velocity and the velocity of the frame's
+    origin of ``watched[body]`` per unit speed of ``moving[coordinate]``.
+    """
+
+    figures: ModelFigures
+    rotations: Float[Array, "frame body 3 3"]
+    origins: Float[Array, "frame body 3"]
+    moving: tuple[str, ...]
+    watched: tuple[str, ...]
+    partial: Float[Array, "frame watched 2 3 moving"]
+
+    def rotation(self, body: str) -> Float[Array, "frame 3 3"]:
+        """Rotation of a body, its frame to ground."""
+        return self.rotations[:, self.figures.bodies.index(body)]
+
+    def joint_centre(self, body: str) -> Float[Array, "frame 3"]:
+        """Centre of the joint that carries a body, in the ground [m]."""
+        origin = self.origins[:, self.figures.bodies.index(body)]
+        return origin + self.rotation(body) @ self.figures.joint_centres[body]
+
+
+def _check_own_model(figures: ModelFigures, mass_kg: float, path: str) -> tuple[str, ...]:
+    """A user's model must have the joints that we read, and the subject's size."""
+    joints = [joint_of_model(joint) for joint in JOINTS]
+    lacking = [n for joint in joints for n in joint.coordinates if n not in figures.coordinates]
+    lacking += [n for joint in joints for n in joint.below if n not in figures.bodies]
+    if lacking:
+        raise InputError(
+            f"the model has no {', '.join(dict.fromkeys(lacking))}",
+            where=path,
+            hint="use a model of the Rajagopal family, or leave biomech.model out",
+        )
+    mismatch = figures.mass_kg / mass_kg - 1.0
+    if abs(mismatch) > MASS_MISMATCH:
+        raise InputError(
+            f"the model weighs {figures.mass_kg:.1f} kg, the subject {mass_kg:.1f} kg: it is not scaled",
+            where=path,
+            hint="scale it to the subject in OpenSim, or leave biomech.model out to have ours scaled",
+        )
+    return (
+        f"model '{figures.name}' of {figures.mass_kg:.1f} kg was used with its own size and markers; "
+        "its knees gained adduction and rotation",
+    )
+
+
+def _loads(
+    trial: Trial,
+    model: _Moved,
+    coordinates: Float[Array, "frame coordinate"],
+    fitted: Kinematics,
+    said: tuple[str, ...],
+    cutoff_hz: float,
+    convention: str,
+) -> JointLoads:
+    figures = model.figures
+    segments = dynamics.momenta(
+        model.rotations, model.origins, figures.masses, figures.centres, figures.inertias, trial.rate_hz
+    )
+    shape = (len(trial.time), len(JOINTS), 3)
+    angles, force, moment = np.zeros(shape), np.empty(shape), np.empty(shape)
+    axes, inertia, rotation = np.empty((*shape, 3)), np.empty((*shape, 3)), np.empty((*shape, 3))
+    for k, name in enumerate(JOINTS):
+        joint = joint_of_model(name)
+        to_distal = np.swapaxes(model.rotation(joint.distal), -1, -2)
+        wrench = dynamics.net_load(
+            segments,
+            figures.rows(joint.below),
+            model.joint_centre(joint.distal),
+            [_ground_reaction(trial, joint.foot)],
+        )
+        force[:, k] = np.einsum("fij,fj->fi", to_distal, wrench.force)
+        moment[:, k] = np.einsum("fij,fj->fi", to_distal, wrench.moment)
+        angles[:, k, : len(joint.coordinates)] = coordinates[:, figures.columns(joint.coordinates)]
+        rotation[:, k] = model.rotation(joint.distal)
+        in_ground, inertia[:, k] = _axes_and_inertia(model, joint, segments)
+        axes[:, k] = np.einsum("fij,fkj->fki", to_distal, in_ground)
+    return JointLoads(
+        time=trial.time,
+        body_mass_kg=trial.mass_kg,
+        coordinate_names=figures.coordinates,
+        coordinates=coordinates,
+        muscles=figures.muscles,
+        joints=JOINTS,
+        angles=angles,
+        distal_rotation=rotation,
+        joint_axes=axes,
+        acting_force=force,
+        acting_moment=moment,
+        convention=convention,
+        inertia=inertia,
+        marker_names=fitted.marker_names,
+        marker_error=fitted.marker_error,
+        cutoff_hz=cutoff_hz,
+        pelvis_residual_force=segments.force.sum(axis=1) - trial.ground_force.sum(axis=1),
+        notes=(*said, *fitted.notes),
+    )
+
+
+def _ground_reaction(trial: Trial, foot: str) -> GroundReaction:
+    k = trial.feet.index(foot)
+    return GroundReaction(trial.ground_force[:, k], trial.centre_of_pressure[:, k], trial.free_torque[:, k])
+
+
+def _axes_and_inertia(
+    model: _Moved, joint: JointOfModel, segments: Momenta
+) -> tuple[Float[Array, "frame axis 3"], Float[Array, "frame axis axis"]]:
+    """Unit axes of the joint's angles in the ground, and the inertia of the part below about them."""
+    figures = model.figures
+    columns = [model.moving.index(name) for name in joint.coordinates]
+    rows = [model.watched.index(name) for name in joint.below]
+    bodies = figures.rows(joint.below)
+    turn, shift = np.moveaxis(model.partial[:, rows][..., columns], 2, 0)
+    arms = segments.centres[:, bodies] - model.origins[:, bodies]
+    shift = shift + np.cross(turn, arms[..., None], axis=2)
+    axes = [turn[:, joint.below.index(mover), :, k] for k, mover in enumerate(joint.movers)]
+    if len(axes) == 2:
+        third = np.cross(axes[0], axes[1])
+        third /= np.linalg.norm(third, axis=1, keepdims=True)
+        lever = segments.centres[:, bodies] - model.joint_centre(joint.distal)[:, None]
+        axes.append(third)
+        every = np.broadcast_to(third[:, None], lever.shape)
+        turn = np.concatenate([turn, every[..., None]], axis=-1)
+        shift = np.concatenate([shift, np.cross(every, lever)[..., None]], axis=-1)
+    tensors = dynamics.inertia_in_ground(model.rotations[:, bodies], figures.inertias[bodies])
+    unit = np.stack(axes, axis=1)
+    unit = unit / np.linalg.norm(unit, axis=2, keepdims=True)
+    return unit, dynamics.generalised_inertia(turn, shift, figures.masses[bodies], tensors)

@@ -1,0 +1,273 @@
+"""From markers to joint angles: calibrate the model to the standing pose, then follow the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from hilbrace.biomech.engine import Engine, Report
+from hilbrace.biomech.markers import (
+    PlacedMarkers,
+    check_segments,
+    landmarks_on_model,
+    markers_of_model,
+    unmatched,
+)
+from hilbrace.biomech.model_figures import ModelFigures
+from hilbrace.errors import InputError
+from hilbrace.motion.filters import gap_free_runs
+from hilbrace.motion.trial import Trial
+
+if TYPE_CHECKING:
+    from hilbrace.motion.marker_maps import MarkerMap
+
+Array = np.ndarray
+
+KNEE_FRONTAL = ("knee_adduction_r", "knee_rotation_r", "knee_adduction_l", "knee_rotation_l")
+"""Coordinates that skin movement disturbs most and that `BiomechSettings.knee_regularisation` holds."""
+_LEG = ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "ankle_angle")
+LEGS = (
+    *("pelvis_tilt", "pelvis_list", "pelvis_rotation"),
+    *(f"{name}_{side}" for side in "rl" for name in _LEG),
+)
+"""Coordinates that the loads of knees and ankles stand on."""
+SUPPORT_M2 = 1e-3
+"""Stiffness by markers [m^2] below which a coordinate counts as unseen: 0.1 rad move them 3 mm in all."""
+LONGEST_GAP_S = 0.1
+"""Longest stretch over which an unseen leg is interpolated [s]."""
+FOOT_MARKERS = 3
+"""Markers on a foot that make its inversion visible."""
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """Coordinates over the frames of a motion, as fitted.
+
+    Attributes:
+        coordinates: Values [rad or m], in the model's order.
+        marker_names: Markers tracked.
+        marker_error: Distance of each from the model's [m]; NaN in gaps.
+        notes: What was left out or bridged, one sentence each.
+    """
+
+    coordinates: Float[Array, "frame coordinate"]
+    marker_names: tuple[str, ...]
+    marker_error: Float[Array, "frame marker"]
+    notes: tuple[str, ...]
+
+
+def calibrate(
+    engine: Engine, figures: ModelFigures, trial: Trial, marker_map: MarkerMap, knee_hold: float
+) -> tuple[PlacedMarkers, Float[Array, " coordinate"], tuple[str, ...]]:
+    """Put every marker where it sits on the scaled model while the subject stands.
+
+    The pose comes from the landmarks at the model's places; then each marker, landmark or cluster, moves to
+    where it was measured in that pose (as OpenSim's marker placer does), so that what is left of a landmark's
+    misfit does not disturb the motion.
+
+    Args:
+        engine: Engine that holds the scaled model.
+        figures: Figures of that model.
+        trial: Recording with a standing trial.
+        marker_map: Meaning of the marker names.
+        knee_hold: Stiffness that holds knee adduction and rotation near zero [m^2].
+
+    Returns:
+        Markers on the model, the standing pose [rad or m], and notes.
+
+    Raises:
+        InputError: Too few landmarks, or the map does not fit the model.
+    """
+    landmarks = landmarks_on_model(marker_map, figures)
+    place = dict(zip(trial.static_marker_names, trial.static_markers, strict=True))
+    place = {name: point for name, point in place.items() if np.isfinite(point).all()}
+    standing = landmarks.of(place)
+    expected = (*marker_map.landmarks, *marker_map.clusters)
+    check_segments(
+        standing, list(place), marker_map.landmarks, f"static trial of '{trial.name}'",
+        (*marker_map.clusters, *marker_map.ignored),
+    )  # fmt: skip
+    measured = np.array([place[name] for name in standing.names])
+    start = _facing(engine, figures, standing, measured, figures.defaults)
+    fitted = engine.call(
+        "inverse_kinematics",
+        bodies=standing.bodies,
+        locations=standing.locations,
+        weights=standing.weights,
+        measured=measured[None],
+        start=start,
+        fixed=_fixed(figures, standing),
+        held=dict.fromkeys(KNEE_FRONTAL, knee_hold),
+    )
+    pose = fitted["coordinates"][0]
+    names = [name for name in expected if name in place]
+    carriers = [
+        figures.marker_bodies[marker_map.landmarks[name]]
+        if name in marker_map.landmarks
+        else marker_map.clusters[name]
+        for name in names
+    ]
+    rotations, origins = _pose_of(engine, figures, pose, carriers)
+    offsets = np.array([place[name] for name in names]) - origins
+    placed = PlacedMarkers(
+        tuple(names), tuple(carriers), np.einsum("mji,mj->mi", rotations, offsets), np.ones(len(names))
+    )
+    misfit = 1e3 * float(np.sqrt((fitted["errors"][0][standing.weights == 1] ** 2).mean()))
+    return placed, pose, (f"standing pose: bony landmarks within {misfit:.1f} mm RMS of the scaled model",)
+
+
+def follow(
+    engine: Engine,
+    figures: ModelFigures,
+    trial: Trial,
+    markers: PlacedMarkers,
+    start: Float[Array, " coordinate"],
+    known: Sequence[str],
+    knee_hold: float,
+    progress: Report,
+) -> Kinematics:
+    """Fit the model to every frame of the motion.
+
+    Args:
+        engine: Engine that holds the model.
+        figures: Figures of that model.
+        trial: The motion.
+        markers: Markers on the model.
+        start: Pose near the first frame's, up to place and heading [rad or m].
+        known: Recorded names that need no mention.
+        knee_hold: Stiffness that holds knee adduction and rotation near zero [m^2].
+        progress: Called with (done, total) frames.
+
+    Raises:
+        InputError: Too few markers, or a leg unseen for longer than `LONGEST_GAP_S`.
+        SolverError: The fit does not converge.
+    """
+    seen = np.isfinite(trial.markers).all(axis=2)
+    present = [
+        name for name, any_frame in zip(trial.marker_names, seen.any(axis=0), strict=True) if any_frame
+    ]
+    tracked = markers.of(present)
+    check_segments(tracked, present, markers.names, f"motion '{trial.name}'", known)
+    measured = trial.markers[:, [trial.marker_names.index(name) for name in tracked.names]]
+    rest = start.copy()
+    rest[figures.columns([n for n in KNEE_FRONTAL if n in figures.coordinates])] = 0.0
+    first = np.array(np.isfinite(measured[0]).all(axis=1))
+    if first.sum() < FOOT_MARKERS:
+        raise InputError(
+            "the first frame shows fewer than three markers",
+            where=f"motion '{trial.name}', frame 1",
+            hint="start later with motion.window",
+        )
+    visible = tracked.of([n for n, there in zip(tracked.names, first, strict=True) if there])
+    fitted = engine.call(
+        "inverse_kinematics",
+        progress=progress,
+        bodies=tracked.bodies,
+        locations=tracked.locations,
+        weights=tracked.weights,
+        measured=measured,
+        start=_facing(engine, figures, visible, measured[0, first], rest),
+        fixed=_fixed(figures, tracked),
+        held=dict.fromkeys(KNEE_FRONTAL, knee_hold),
+    )
+    coordinates, bridged = _bridge(fitted["coordinates"], fitted["support"], figures, trial)
+    strange, missing = unmatched(present, markers.names, known)
+    notes = list(bridged)
+    if strange:
+        notes.append(f"recorded markers without a place on the model, not used: {', '.join(strange)}")
+    if missing:
+        notes.append(f"markers of the model that the motion does not show: {', '.join(missing)}")
+    return Kinematics(coordinates, tracked.names, fitted["errors"], tuple(notes))
+
+
+def own_markers(figures: ModelFigures) -> tuple[PlacedMarkers, Float[Array, " coordinate"]]:
+    """Markers and pose that a user's model brings; nothing is scaled or moved."""
+    return markers_of_model(figures), figures.defaults
+
+
+def _fixed(figures: ModelFigures, markers: PlacedMarkers) -> tuple[str, ...]:
+    """Coordinates that stay: those the model locks, less those of a foot that carries enough markers.
+
+    Inversion is free where a foot carries three markers; the toes' joint where the toes do themselves. Wrists
+    stay locked, since nobody's markers on the forearm show them.
+    """
+    freed = set()
+    for side in "rl":
+        foot = [body for body in markers.bodies if body in (f"calcn_{side}", f"toes_{side}")]
+        if len(foot) >= FOOT_MARKERS:
+            freed.add(f"subtalar_angle_{side}")
+        if foot.count(f"toes_{side}") and foot.count(f"calcn_{side}") >= FOOT_MARKERS:
+            freed.add(f"mtp_angle_{side}")
+    return tuple(name for name in figures.locked if name not in freed)
+
+
+def _facing(
+    engine: Engine,
+    figures: ModelFigures,
+    markers: PlacedMarkers,
+    measured: Float[Array, "marker 3"],
+    pose: Float[Array, " coordinate"],
+) -> Float[Array, " coordinate"]:
+    """The pose, moved to the measured place and turned about the vertical to the measured heading."""
+    root = ("pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz")
+    if not set(root) <= set(figures.coordinates):
+        return pose
+    turned = pose.copy()
+    columns = figures.columns(root)
+    for _ in range(2):  # the second pass mends the place after the turn about the pelvis
+        rotations, origins = _pose_of(engine, figures, turned, markers.bodies)
+        model = origins + np.einsum("mij,mj->mi", rotations, markers.locations)
+        a, b = model - model.mean(axis=0), measured - measured.mean(axis=0)
+        along = (a[:, 0] * b[:, 0] + a[:, 2] * b[:, 2]).sum()
+        across = (a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]).sum()
+        turned[columns[0]] += np.arctan2(across, along)
+        turned[columns[1:]] += (measured - model).mean(axis=0)
+    return turned
+
+
+def _pose_of(
+    engine: Engine, figures: ModelFigures, pose: Float[Array, " coordinate"], bodies: Sequence[str]
+) -> tuple[Float[Array, "marker 3 3"], Float[Array, "marker 3"]]:
+    frames = engine.call("poses", coordinates=pose[None])
+    rows = figures.rows(bodies)
+    return frames["rotations"][0, rows], frames["origins"][0, rows]
+
+
+def _bridge(
+    coordinates: Float[Array, "frame coordinate"],
+    support: Float[Array, "frame coordinate"],
+    figures: ModelFigures,
+    trial: Trial,
+) -> tuple[Float[Array, "frame coordinate"], list[str]]:
+    """Interpolate the coordinates of legs over the frames in which the markers do not show them."""
+    values, notes = coordinates.copy(), []
+    for name in [name for name in LEGS if name in figures.coordinates]:
+        column = figures.coordinates.index(name)
+        hidden = support[:, column] < SUPPORT_M2
+        if not hidden.any():
+            continue
+        _check_gaps(hidden, name, trial)
+        shown = np.flatnonzero(~hidden)
+        values[:, column] = np.interp(np.arange(len(values)), shown, coordinates[shown, column])
+        notes.append(f"{name}: {hidden.sum()} frames without sufficient markers were interpolated")
+    return values, notes
+
+
+def _check_gaps(hidden: Bool[Array, " frame"], name: str, trial: Trial) -> None:
+    for run in gap_free_runs(np.where(hidden, 0.0, np.nan)):
+        first, last = trial.time[run.start], trial.time[run.stop - 1]
+        if (
+            (run.stop - run.start) / trial.rate_hz > LONGEST_GAP_S
+            or run.start == 0
+            or run.stop == len(hidden)
+        ):
+            raise InputError(
+                f"too few markers to find {name} in frames {run.start + 1} to {run.stop}",
+                where=f"motion '{trial.name}', {first:.3f} to {last:.3f} s",
+                hint="fill the gaps of the markers about that joint, or leave these frames out "
+                "with motion.window",
+            )

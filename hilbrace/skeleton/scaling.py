@@ -1,8 +1,8 @@
 """Scale the model's figures to a person, the way OpenSim's ``Model::scale`` does.
 
-Every body has three factors along the axes of its frame (`segment_scales` measures them on a standing person).
-Joint frames, centres of mass, wraps, path points and markers move with their bodies. Inertias follow the factors
-at unchanged mass, then all masses and inertias share one factor that makes the total mass the subject's.
+Every body has three factors along the axes of its frame; `segment_scales` measures them on a standing person.
+Joint frames, centres of mass, wraps, path points and markers move with their bodies. Inertias follow the
+factors at unchanged mass, then one factor for all masses and inertias makes the total mass the person's.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from hilbrace.errors import InputError
 from hilbrace.skeleton.anthropometry import Scales, measure_segments, segment_scales
 from hilbrace.skeleton.kinematics import Pose, Skeleton, body_fixed_xyz, skeleton_from_table
 from hilbrace.skeleton.table import BodyFigures, Function, JointFigures, MuscleFigures, Table, WrapFigures
+
+Array = np.ndarray
 
 __all__ = ["Scales", "measure_segments", "scaled_inertia", "scaled_table", "segment_scales"]
 

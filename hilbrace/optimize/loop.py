@@ -138,7 +138,7 @@ def firmness(problem: Problem, firm: Bool[Array, " triangle"]) -> Firmness:
 def segment_by_energy(problem: Problem, energy: Float[Tensor, " triangle"]) -> Bool[Array, " triangle"]:
     """Firm where the elastic energy is low, soft where it is high (paper, Sec. 3.3.2)."""
     domain = problem.domain
-    return segment(energy.numpy(), domain.vertices, domain.triangles)
+    return segment(energy.numpy(), problem.areas.numpy(), domain.triangles, domain.vertices)
 
 
 def level_for_volume(problem: Problem, firm: Firmness, theta: Tensor) -> float:
@@ -177,7 +177,7 @@ def _step(problem: Problem, firm: Firmness, state: Progress) -> Progress:
     gradient = gradient * min(1.0, STEP_LIMIT / max(float(gradient.norm()), 1e-300))
     rate = learning_rate(settings.learning_rate, state.iteration, settings.iterations)
     moved, momentum = adam(_flat(state), gradient.numpy(), state.momentum, state.iteration + 1, rate)
-    return _with(
+    return replace(
         state,
         iteration=state.iteration + 1,
         theta=moved[:-1].reshape(state.theta.shape),
@@ -215,7 +215,8 @@ def adam(
 def _start(problem: Problem, evaluation: Evaluation) -> dict[str, Any]:
     terms = evaluation.terms.detach()
     unbraced = float((problem.motion.angles[:, ADDUCTION] ** 2).mean())
-    scale = losses.scales(evaluation.stability, unbraced, terms, len(problem.domain.seam_pairs))
+    stability = losses.Stability(evaluation.stability.preserved.detach(), evaluation.stability.prevented.detach())
+    scale = losses.scales(stability, unbraced, terms, len(problem.domain.seam_pairs))
     return {"losses_initial": terms.numpy(), "scales": astuple(scale)}
 
 

@@ -185,14 +185,27 @@ def _check_supported(
             where=f"vertex {loose[0]} of the shell",
             hint="drop unused vertices from the surface",
         )
-    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    edges = sp.csr_array((np.ones(len(start)), (start, end)), shape=(vertices, vertices))
-    _, part = connected_components(edges, directed=False)
-    held = np.unique(part[np.concatenate([upper_loop, lower_loop])])
+    part = _parts(triangles, vertices)
+    on_loop = np.isin(triangles, np.concatenate([upper_loop, lower_loop]))
+    part_and_vertex = np.stack([np.broadcast_to(part[:, None], triangles.shape), triangles], axis=-1)
+    supports = np.unique(part_and_vertex[on_loop], axis=0)[:, 0]
+    held = np.flatnonzero(np.bincount(supports, minlength=part.max() + 1) >= 2)
     floating = np.flatnonzero(~np.isin(part, held))
     if floating.size:
         raise SolverError(
-            f"{floating.size} vertices hang on neither loop",
-            where=f"vertex {floating[0]} of the shell",
-            hint="keep the one part of the surface that joins both loops",
+            f"{floating.size} triangles are held by no edge of a loop",
+            where=f"triangle {floating[0]} of the shell",
+            hint="keep the one part of the surface that joins both loops, without flaps on single vertices",
         )
+
+
+def _parts(triangles: Int[Array, "triangle 3"], vertices: int) -> Int[Array, " triangle"]:
+    """Number of the part that each triangle belongs to; triangles hang together by shared edges."""
+    start, end = triangles.ravel().astype(np.int64), np.roll(triangles, -1, axis=1).ravel()
+    key = np.minimum(start, end) * vertices + np.maximum(start, end)
+    edges, edge = np.unique(key, return_inverse=True)
+    owner = np.repeat(np.arange(len(triangles)), 3)
+    shape = (len(triangles), len(edges))
+    incidence = sp.csr_array((np.ones(len(owner)), (owner, edge)), shape=shape)
+    _, part = connected_components(incidence @ incidence.T, directed=False)
+    return part

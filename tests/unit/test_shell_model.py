@@ -1,0 +1,189 @@
+"""Directors, numbering and refill of the shell, and the surfaces that it refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hilbrace.errors import GeometryError, HilbraceError, SolverError
+from hilbrace.shell import build_shell, pose_shell
+from hilbrace.shell.assembly import free_stiffness
+from hilbrace.shell.directors import nodal_directors, tangent_basis, triangle_normals
+from hilbrace.shell.loads import joint_line_shares
+from hilbrace.shell.solver import factor
+from tests.unit.shell_cases import grid, tube
+
+TUBE = tube(10, 5, 30.0, 80.0, waviness=0.1)
+
+
+def small_shell():
+    return build_shell(*TUBE, 4.0, 0.45)
+
+
+def global_stiffness(shell, modulus):
+    """All degrees of freedom, dense, element by element."""
+    size = 5 * len(shell.vertices)
+    dense = np.zeros((size, size))
+    for element, dofs in enumerate(shell.numbering.element_dofs):
+        dense[np.ix_(dofs, dofs)] += modulus[element] * shell.stiffness[element]
+    return dense
+
+
+def test_directors_of_a_cylinder_point_along_its_radius():
+    vertices, triangles, _, _ = tube(48, 20, 50.0, 120.0)
+    inner = np.abs(vertices[:, 1]) < 59
+    radius = vertices * [1, 0, 1] / 50.0
+    np.testing.assert_allclose(nodal_directors(vertices, triangles)[inner], radius[inner], atol=1e-12)
+
+
+def test_tangents_make_right_handed_frames_with_every_director():
+    directors = np.vstack([np.eye(3), -np.eye(3), nodal_directors(*TUBE[:2])])
+    first, second = np.moveaxis(tangent_basis(directors), 1, 0)
+    np.testing.assert_allclose(np.cross(first, second), directors, atol=1e-14)
+    np.testing.assert_allclose(np.linalg.norm(first, axis=1), 1.0, atol=1e-14)
+
+
+def test_area_of_a_tube():
+    vertices, triangles, _, _ = tube(64, 10, 50.0, 120.0)
+    _, area = triangle_normals(vertices, triangles)
+    assert area.sum() == pytest.approx(2 * np.pi * 50 * 120, rel=2e-3)
+
+
+def test_refill_equals_dense_assembly():
+    shell = small_shell()
+    modulus = np.random.default_rng(0).uniform(0.1, 2.0, len(shell.triangles))
+    dense = global_stiffness(shell, modulus)
+    free = shell.numbering.free
+    sparse = free_stiffness(shell.numbering, shell.refill, modulus).toarray()
+    np.testing.assert_allclose(sparse, dense[np.ix_(free, free)], atol=1e-13 * np.abs(dense).max())
+    coupling = (shell.coupling @ modulus).reshape(-1, 12)
+    np.testing.assert_allclose(coupling, (dense @ shell.motions)[free], atol=1e-12 * np.abs(coupling).max())
+
+
+def test_clamped_loops_have_no_equations():
+    shell = small_shell()
+    loops = np.concatenate([shell.upper_loop, shell.lower_loop])
+    clamped = np.setdiff1d(np.arange(5 * len(shell.vertices)), shell.numbering.free)
+    assert np.array_equal(np.unique(clamped // 5), np.sort(loops))
+    assert not shell.motions[shell.numbering.free].any()
+
+
+def test_posed_shell_equals_one_built_from_its_shape():
+    vertices, triangles, upper, lower = TUBE
+    bent = vertices + np.column_stack([0.002 * vertices[:, 1] ** 2, 0 * vertices[:, :2]])
+    posed = pose_shell(small_shell(), bent)
+    built = build_shell(bent, triangles, upper, lower, 4.0, 0.45)
+    assert np.array_equal(posed.stiffness, built.stiffness)
+    assert np.array_equal(posed.refill.data, built.refill.data)
+    assert np.array_equal(posed.coupling.toarray(), built.coupling.toarray())
+
+
+def loose_vertex():
+    vertices, *rest = TUBE
+    return np.vstack([vertices, [0.0, 0.0, 0.0]]), *rest
+
+
+def floating_part():
+    vertices, triangles, upper, lower = TUBE
+    island = np.array([[0, 0, 0], [5, 0, 0], [0, 0, 5.0]])
+    return np.vstack([vertices, island]), np.vstack([triangles, len(vertices) + np.arange(3)]), upper, lower
+
+
+def flap_on_one_vertex():
+    vertices, triangles, upper, lower = TUBE
+    tips = vertices[25] * 1.2 + np.array([[0, 3, 0], [0, -3, 0.0]])
+    flap = [[25, len(vertices), len(vertices) + 1]]
+    return np.vstack([vertices, tips]), np.vstack([triangles, flap]), upper, lower
+
+
+def flat_triangle():
+    vertices, triangles, upper, lower = TUBE
+    return vertices, np.vstack([triangles, [20, 21, 21]]), upper, lower
+
+
+def mixed_orientation():
+    vertices, triangles, upper, lower = TUBE
+    return vertices, np.vstack([triangles[:40, ::-1], triangles[40:]]), upper, lower
+
+
+def lost_position():
+    vertices, *rest = TUBE
+    return np.where(np.arange(len(vertices))[:, None] == 7, np.nan, vertices), *rest
+
+
+def touching_loops():
+    vertices, triangles, upper, _ = TUBE
+    return vertices, triangles, upper, upper[:5]
+
+
+def short_loop():
+    vertices, triangles, upper, lower = TUBE
+    return vertices, triangles, upper, lower[:2]
+
+
+REFUSED = [
+    (loose_vertex, SolverError, "vertex 60"),
+    (floating_part, SolverError, "triangle 100"),
+    (flap_on_one_vertex, SolverError, "triangle 100"),
+    (flat_triangle, GeometryError, "triangle 100"),
+    (mixed_orientation, GeometryError, "90 degrees"),
+    (lost_position, GeometryError, "vertex 7"),
+    (touching_loops, GeometryError, "both loops"),
+    (short_loop, GeometryError, "lower loop"),
+]
+
+
+@pytest.mark.parametrize(("surface", "kind", "named"), REFUSED)
+def test_surfaces_that_make_no_shell_are_refused_by_name(surface, kind, named):
+    with pytest.raises(HilbraceError, match=named) as refusal:
+        build_shell(*surface(), 4.0, 0.45)
+    assert refusal.type is kind
+
+
+@pytest.mark.parametrize(("thickness", "poisson"), [(0.0, 0.45), (4.0, 0.5), (np.nan, 0.3)])
+def test_thickness_and_poisson_ratio_are_checked(thickness, poisson):
+    with pytest.raises(GeometryError, match="make no shell"):
+        build_shell(*TUBE, thickness, poisson)
+
+
+def test_posing_another_mesh_is_refused():
+    with pytest.raises(GeometryError, match="posed vertices"):
+        pose_shell(small_shell(), TUBE[0][:-1])
+
+
+def test_singular_matrix_is_refused():
+    shell = small_shell()
+    matrix = free_stiffness(shell.numbering, shell.refill, np.ones(len(shell.triangles))).tolil()
+    matrix[7, :] = 0.0
+    matrix[:, 7] = 0.0
+    with pytest.raises(SolverError, match="singular"):
+        factor(matrix.tocsc()).solve(np.ones((matrix.shape[0], 1)))
+
+
+def test_factor_solves_many_right_hand_sides():
+    shell = small_shell()
+    matrix = free_stiffness(shell.numbering, shell.refill, np.ones(len(shell.triangles)))
+    expected = np.random.default_rng(3).standard_normal((matrix.shape[0], 7))
+    np.testing.assert_allclose(factor(matrix).solve(matrix @ expected), expected, rtol=1e-7, atol=1e-8)
+
+
+def test_shares_sum_to_one_and_follow_the_gaussian_window():
+    vertices, triangles, _, _ = tube(40, 80, 50.0, 400.0)
+    shares = joint_line_shares(vertices, triangles, 40.0, centre=np.array([3.0, 25.0, 0.0]))
+    assert shares.sum() == pytest.approx(1.0, abs=1e-15)
+    height = vertices[:, 1] - 25.0
+    assert shares @ height == pytest.approx(0.0, abs=1e-3)
+    assert shares @ height**2 == pytest.approx(40.0**2 / 2, rel=1e-2)
+
+
+def test_shares_do_not_depend_on_where_the_mesh_is_fine():
+    u, v, triangles = grid(20, 40, rising=True)
+    for power in (1.0, 1.6):
+        flat = np.stack([30 * u, 200 * (v**power - 0.5), 0 * u], axis=1)
+        shares = joint_line_shares(flat, triangles, 30.0)
+        assert shares @ flat[:, 1] ** 2 == pytest.approx(450.0, rel=0.02)
+
+
+def test_load_far_from_the_brace_is_refused():
+    with pytest.raises(GeometryError, match="joint line"):
+        joint_line_shares(TUBE[0], TUBE[1], 10.0, centre=np.array([0.0, 500.0, 0.0]))

@@ -41,6 +41,7 @@ class MotionSettings(Section):
     markers: Path | None = Field(None, description="C3D or TRC file of the motion")
     forces: Path | None = Field(None, description="MOT or STO file of ground reactions; C3D holds its own")
     static: Path | None = Field(None, description="C3D or TRC file of the subject standing still")
+    static_forces: Path | None = Field(None, description="MOT or STO file that weighs the standing subject")
     marker_map: str = Field("hilbrace", description="built-in marker map, or the path of a TOML file")
     plates: dict[str, Literal["right", "left", "unused"]] = Field(
         {}, description="foot on each force plate, e.g. {1 = 'right'}; found from the markers if empty"
@@ -264,7 +265,7 @@ def _absolute(config: Config, folder: Path) -> Config:
     motion = config.motion
     moved: dict[str, Any] = {
         name: (folder / value).resolve()
-        for name in ("markers", "forces", "static")
+        for name in ("markers", "forces", "static", "static_forces")
         if (value := getattr(motion, name)) is not None
     }
     if motion.marker_map.endswith(".toml"):

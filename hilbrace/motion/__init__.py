@@ -1,0 +1,1 @@
+"""The motion stage: recorded or synthetic markers and ground reactions become a `Trial`."""

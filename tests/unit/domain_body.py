@@ -8,19 +8,29 @@ from functools import cache
 import manifold3d
 import numpy as np
 
+from hilbrace.biomech.joint_loads import JOINTS as JOINT_ORDER
+from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.body.body import Body
+from hilbrace.body.skinning import smoothed_weights
+from hilbrace.domain.limb import Limb
 
 JOINTS = ("hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "ankle_l")
 BONES = ("pelvis", "femur_r", "tibia_r", "calcn_r", "femur_l", "tibia_l", "calcn_l")
-HIP = np.array([-0.05, -0.08, 0.10])
-KNEE = np.array([-0.055, -0.50, 0.11])
-ANKLE = np.array([-0.06, -0.90, 0.115])
-CALF_TOP, CALF_END = np.array([-0.08, -0.60, 0.11]), np.array([-0.085, -0.68, 0.11])
-PATELLA_TOP, PATELLA_END = np.array([-0.025, -0.495, 0.11]), np.array([-0.025, -0.505, 0.11])
-HEEL, TOE = np.array([-0.09, -0.94, 0.115]), np.array([0.08, -0.95, 0.125])
 LEFT = np.array([1.0, 1.0, -1.0])
 
+# Joint centres of the built-in skeleton at its default size [m].
+HIP = np.array([-0.0563, -0.0785, 0.0773])
+KNEE = np.array([-0.0563, -0.4829, 0.0760])
+ANKLE = np.array([-0.0663, -0.8829, 0.0760])
 
+CONES = (
+    (HIP, KNEE, 0.070, 0.056),
+    (KNEE, ANKLE, 0.055, 0.036),
+    (KNEE + np.array([-0.02, -0.10, 0.0]), KNEE + np.array([-0.025, -0.18, 0.0]), 0.047, 0.042),
+    (KNEE + np.array([0.03, 0.005, 0.0]), KNEE + np.array([0.03, -0.005, 0.0]), 0.035, 0.035),
+    (ANKLE + np.array([-0.03, -0.04, 0.0]), ANKLE + np.array([0.14, -0.05, 0.01]), 0.035, 0.030),
+    (np.array([-0.05, 0.0, 0.0]), np.array([-0.05, 0.4, 0.0]), 0.15, 0.17),
+)
 LOW = np.array([-0.30, -1.05, -0.40])
 HIGH = np.array([0.30, 0.65, 0.40])
 STEP = 0.01
@@ -38,14 +48,7 @@ def body_distance(points):
     """Smooth union of cones: positive inside."""
     half = points * [1.0, 1.0, np.nan]
     half[..., 2] = np.abs(points[..., 2])
-    parts = [
-        cone_distance(half, HIP, KNEE, 0.085, 0.058),
-        cone_distance(half, KNEE, ANKLE, 0.056, 0.036),
-        cone_distance(half, CALF_TOP, CALF_END, 0.048, 0.042),
-        cone_distance(half, PATELLA_TOP, PATELLA_END, 0.035, 0.035),
-        cone_distance(half, HEEL, TOE, 0.035, 0.03),
-        cone_distance(half, np.zeros(3), np.array([0.0, 0.4, 0.0]), 0.16, 0.17),
-    ]
+    parts = [cone_distance(half, *cone) for cone in CONES]
     return 0.015 * np.log(np.sum([np.exp(-part / 0.015) for part in parts], axis=0))
 
 
@@ -84,7 +87,7 @@ def synthetic_body(edge_m: float = 0.022) -> Body:
 
 
 def make_body(vertices, triangles, centres) -> Body:
-    weights = np.stack([bone_weight(vertices, bone, centres) for bone in BONES], axis=1)
+    weights = np.stack([belongs(vertices, bone, centres) for bone in BONES], axis=1).astype(float)
     return Body(
         model="synthetic",
         mass_kg=70.0,
@@ -95,7 +98,7 @@ def make_body(vertices, triangles, centres) -> Body:
         vertices=vertices,
         triangles=triangles,
         bones=BONES,
-        bone_weights=weights / weights.sum(axis=1, keepdims=True),
+        bone_weights=smoothed_weights(vertices, triangles, weights, 0.04),
         joint_names=JOINTS,
         joint_centres=centres,
         fit_error_mm=np.zeros(6),
@@ -103,20 +106,46 @@ def make_body(vertices, triangles, centres) -> Body:
     )
 
 
-def bone_weight(vertices, bone, centres):
-    """Weights that change over 60 mm at the joints."""
-    height = vertices[:, 1]
-    ramp = lambda at: 1.0 / (1.0 + np.exp(-(height - at) / 0.03))  # noqa: E731
-    if bone == "pelvis":
-        return ramp(centres[0, 1])
-    side = vertices[:, 2] >= 0.0 if bone.endswith("r") else vertices[:, 2] < 0.0
+def belongs(vertices, bone, centres):
+    """True where a vertex lies at the height of a bone, on its side."""
     hip, knee, ankle = centres[:3, 1]
-    parts = {
-        "femur": (1 - ramp(hip)) * ramp(knee),
-        "tibia": (1 - ramp(knee)) * ramp(ankle),
-        "calcn": 1 - ramp(ankle),
-    }
-    return side * parts[bone[:5]]
+    height = vertices[:, 1]
+    if bone == "pelvis":
+        return height >= hip
+    low, high = {"femur": (knee, hip), "tibia": (ankle, knee), "calcn": (-np.inf, ankle)}[bone[:5]]
+    side = vertices[:, 2] >= 0.0 if bone.endswith("r") else vertices[:, 2] < 0.0
+    return side & (height >= low) & (height < high)
+
+
+def bending(body: Body, flexion_deg, side="left", **others) -> JointLoads:
+    """Loads of a motion that bends the knee through the angles given, at 100 frames a second."""
+    flexion = np.radians(np.asarray(flexion_deg, float))
+    names = (f"knee_angle_{side[0]}", *others)
+    columns = [flexion, *(np.broadcast_to(value, flexion.shape) for value in others.values())]
+    frames = len(flexion)
+    angles = np.zeros((frames, 4, 3))
+    angles[:, JOINT_ORDER.index(f"knee_{side[0]}"), 0] = flexion
+    force = np.zeros((frames, 4, 3))
+    force[:, :, 1] = -700.0 - 100.0 * np.sin(np.arange(frames))[:, None]
+    return JointLoads(
+        time=np.arange(frames) / 100.0,
+        body_mass_kg=body.mass_kg,
+        coordinate_names=names,
+        coordinates=np.stack(columns, axis=1),
+        muscles=80,
+        joints=JOINT_ORDER,
+        angles=angles,
+        distal_rotation=np.broadcast_to(np.eye(3), (frames, 4, 3, 3)),
+        joint_axes=np.broadcast_to(np.eye(3), (frames, 4, 3, 3)),
+        acting_force=force,
+        acting_moment=np.zeros((frames, 4, 3)),
+        convention="intersegmental",
+        inertia=np.broadcast_to(np.eye(3), (frames, 4, 3, 3)),
+        marker_names=(),
+        marker_error=np.zeros((frames, 0)),
+        cutoff_hz=12.0,
+        pelvis_residual_force=np.zeros((frames, 3)),
+    )
 
 
 def mirrored_body(body: Body) -> Body:
@@ -132,3 +161,32 @@ def mirrored_body(body: Body) -> Body:
         bone_weights=body.bone_weights[:, order],
         joint_centres=(body.joint_centres * LEFT)[[joints.index(name) for name in body.joint_names]],
     )
+
+
+def sleeve(radius_low, radius_high, height, around=24, along=12):
+    """A prism or a pyramid's frustum about the y axis, welded, outward: a developable surface."""
+    turn, level = np.meshgrid(np.arange(around), np.arange(along + 1), indexing="ij")
+    angle = 2.0 * np.pi * turn / around
+    share = level / along
+    radius = radius_low + share * (radius_high - radius_low)
+    points = np.stack([radius * np.cos(angle), share * height, radius * np.sin(angle)], axis=-1)
+    number = lambda i, j: (i % around) * (along + 1) + j  # noqa: E731
+    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(around), np.arange(along), indexing="ij"))
+    first = np.stack([number(i, j), number(i, j + 1), number(i + 1, j)], axis=1)
+    second = np.stack([number(i + 1, j), number(i, j + 1), number(i + 1, j + 1)], axis=1)
+    return points.reshape(-1, 3), np.concatenate([first, second]).astype(np.int64)
+
+
+def upright_limb() -> Limb:
+    """A leg along the y axis."""
+    return Limb(
+        "right", np.array([0.0, 400.0, 0.0]), np.array([0.0, -400.0, 0.0]), np.full(3, -200.0), np.zeros(3)
+    )
+
+
+def outwardness(vertices, triangles):
+    """Share of triangles whose normal points away from the y axis."""
+    corner = vertices[triangles]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    centre = corner.mean(axis=1)
+    return np.mean((normal * centre)[:, [0, 2]].sum(axis=1) > 0.0)

@@ -36,6 +36,22 @@ def test_directors_of_a_cylinder_point_along_its_radius():
     np.testing.assert_allclose(nodal_directors(vertices, triangles)[inner], radius[inner], atol=1e-12)
 
 
+@pytest.mark.parametrize("flip", range(8))
+def test_director_of_a_cubes_corner_does_not_see_how_its_faces_are_split(flip):
+    # Each face has one triangle at the corner or two, by its diagonal; the director is (1, 1, 1) either way.
+    corner, opposite = np.zeros(3), -np.ones(3)
+    vertices = np.vstack([corner, np.eye(3) + opposite, -np.eye(3)])
+    triangles = []
+    for axis in range(3):
+        first, second, across = 4 + (axis + 1) % 3, 4 + (axis + 2) % 3, 1 + axis
+        halves = [[0, first, second], [first, across, second]]
+        if flip >> axis & 1:
+            halves = [[0, first, across], [0, across, second]]
+        triangles += halves
+    director = nodal_directors(vertices, np.array(triangles))[0]
+    np.testing.assert_allclose(director, np.full(3, 1 / np.sqrt(3)), atol=1e-14)
+
+
 def test_tangents_make_right_handed_frames_with_every_director():
     directors = np.vstack([np.eye(3), -np.eye(3), nodal_directors(*TUBE[:2])])
     first, second = np.moveaxis(tangent_basis(directors), 1, 0)

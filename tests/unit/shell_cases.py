@@ -56,6 +56,15 @@ def tube(columns, rows, radius, length, waviness=0.0, window=False):
     return vertices, triangles, upper, lower
 
 
+def global_stiffness(shell, modulus):
+    """All degrees of freedom, dense, element by element."""
+    size = 5 * len(shell.vertices)
+    dense = np.zeros((size, size))
+    for element, dofs in enumerate(shell.numbering.element_dofs):
+        dense[np.ix_(dofs, dofs)] += modulus[element] * shell.stiffness[element]
+    return dense
+
+
 @dataclass
 class Problem:
     """A shell with directors from its exact surface, supports in global axes (3 moves, 3 turns) and loads."""

@@ -11,22 +11,13 @@ from hilbrace.shell.assembly import free_stiffness
 from hilbrace.shell.directors import nodal_directors, tangent_basis, triangle_normals
 from hilbrace.shell.loads import joint_line_shares
 from hilbrace.shell.solver import factor
-from tests.unit.shell_cases import grid, tube
+from tests.unit.shell_cases import global_stiffness, grid, tube
 
 TUBE = tube(10, 5, 30.0, 80.0, waviness=0.1)
 
 
 def small_shell():
     return build_shell(*TUBE, 4.0, 0.45)
-
-
-def global_stiffness(shell, modulus):
-    """All degrees of freedom, dense, element by element."""
-    size = 5 * len(shell.vertices)
-    dense = np.zeros((size, size))
-    for element, dofs in enumerate(shell.numbering.element_dofs):
-        dense[np.ix_(dofs, dofs)] += modulus[element] * shell.stiffness[element]
-    return dense
 
 
 def test_directors_of_a_cylinder_point_along_its_radius():

@@ -21,8 +21,7 @@ from hilbrace.shell import (
     static_modes,
     wrenches_at,
 )
-from tests.unit.shell_cases import tube
-from tests.unit.test_shell_model import global_stiffness
+from tests.unit.shell_cases import global_stiffness, tube
 
 SHELL = build_shell(*tube(12, 6, 30.0, 90.0, waviness=0.1, window=True), 3.0, 0.45)
 SHARES = joint_line_shares(SHELL.vertices, SHELL.triangles, 30.0)

@@ -53,7 +53,7 @@ def assign_contacts(
     """
     _check_given(plates, given)
     owner = np.full(plates.force.shape[:2], NOBODY)
-    notes: list[str] = []
+    stray: dict[str, float] = {}
     nearby = {foot: _with_midpoints(markers) for foot, markers in feet.items()}
     for k, plate in enumerate(plates.names):
         for contact in _contacts(plates, k, time):
@@ -66,12 +66,24 @@ def assign_contacts(
                 foot = _confirm(given[plate], distance, plate, where)
             elif _is_stray(plates, k, contact, distance):
                 foot = NOBODY
-                peak = plates.force[contact, k, UP].max()
-                notes.append(f"Plate {plate} shows up to {peak:.0f} N with no foot near it: left out.")
+                stray[plate] = max(stray.get(plate, 0.0), float(plates.force[contact, k, UP].max()))
             else:
                 foot = _nearest(distance, plate, where)
             owner[contact, k] = foot
-    return owner, tuple(dict.fromkeys(notes))
+    notes = (f"Plate {p} shows up to {n:.0f} N with no foot near it: left out." for p, n in stray.items())
+    return owner, tuple(notes)
+
+
+def feet_by_name(plates: PlateForces) -> dict[str, str]:
+    """Feet of plates that are called r, l, right or left; empty if another plate carries load.
+
+    Args:
+        plates: Loads after `hilbrace.motion.force_plates.unload`.
+    """
+    feet = {"r": "right", "right": "right", "l": "left", "left": "left"}
+    found = {plate: feet.get(plate.lower(), "unused") for plate in plates.names}
+    loaded = {plate for k, plate in enumerate(plates.names) if plates.force[:, k, UP].any()}
+    return {} if any(found[plate] == "unused" for plate in loaded) else found
 
 
 def _check_given(plates: PlateForces, given: Mapping[str, str]) -> None:

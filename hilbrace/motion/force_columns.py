@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from hilbrace.errors import InputError
 from hilbrace.motion.force_plates import PlateForces
-from hilbrace.motion.opensim_files import Storage, read_storage
+from hilbrace.motion.opensim_files import Storage, even_time, read_storage
 
 Array = np.ndarray
 
@@ -63,12 +63,13 @@ def plate_forces(storage: Storage, source: str) -> PlateForces:
                     where=f"{source}, columns {', '.join(next(iter(kinds.values())).values())}",
                     hint=f"add ground_force_{plate}_{stem}x, ..._{stem}y and ..._{stem}z",
                 )
+    rate_hz = (len(storage.time) - 1) / float(storage.time[-1] - storage.time[0])
     return PlateForces(
         source,
         tuple(found),
         tuple(kinds["force"][1] for kinds in found.values()),
-        storage.time,
-        (len(storage.time) - 1) / float(storage.time[-1] - storage.time[0]),
+        even_time(storage.time, rate_hz, source),
+        rate_hz,
         _stack(storage, found, "force"),
         _stack(storage, found, "point"),
         _stack(storage, found, "torque"),

@@ -203,20 +203,20 @@ def coordinates_rad(storage: Storage) -> dict[str, Float[Array, " row"]]:
     return {name: v if kept.search(name) else factor * v for name, v in storage.columns.items()}
 
 
-def even_time(time: Float[Array, " frame"], rate_hz: float, path: Path) -> Float[Array, " frame"]:
+def even_time(time: Float[Array, " frame"], rate_hz: float, source: Path | str) -> Float[Array, " frame"]:
     """Evenly spaced instants for a column of rounded ones.
 
     Raises:
         InputError: Instants are missing, or do not agree with the rate.
     """
     if len(time) < 2 or not np.isfinite(time).all():
-        raise InputError("no two frames with a time", where=str(path), hint="export the whole recording")
+        raise InputError("no two frames with a time", where=str(source), hint="export the whole recording")
     even = time[0] + np.arange(len(time)) / rate_hz
     step = (time[-1] - time[0]) / (len(time) - 1)
     if abs(step * rate_hz - 1) > 0.02:
         raise InputError(
             f"frames are {step:.6g} s apart, the header says {rate_hz:g} Hz",
-            where=str(path),
+            where=str(source),
             hint="export the file again, or correct DataRate",
         )
     if np.abs(time - even).max() > 0.6 / rate_hz:
@@ -225,8 +225,8 @@ def even_time(time: Float[Array, " frame"], rate_hz: float, path: Path) -> Float
     if late.size:
         raise InputError(
             f"time is not evenly spaced: {time[late[0]]:.6g} s where {even[late[0]]:.6g} s was due",
-            where=f"{path}, frame {late[0] + 1}",
-            hint="leave hidden markers empty, but keep every row",
+            where=f"{source}, row {late[0] + 1}",
+            hint="leave gaps empty, but keep every row",
         )
     return even
 
@@ -323,6 +323,7 @@ def _numbers(
         except ValueError:
             rows.append([_number(cell, f"{path}, line {number}, column {k + 1} '{labels[k]}'")
                          for k, cell in enumerate(cells)])  # fmt: skip
+    _check_last_cell([line for line in lines[first:] if line], lines[-1] == "", path)
     table = np.array(rows, float).reshape(len(rows), width)
     if np.isinf(table).any():
         row, column = np.argwhere(np.isinf(table))[0]
@@ -332,6 +333,19 @@ def _numbers(
             hint="export the file again, with gaps empty",
         )
     return table
+
+
+def _check_last_cell(rows: list[str], ended: bool, path: Path) -> None:
+    """Refuse a file that stops inside its last number: no line break, fewer decimals than the row above."""
+    if ended or len(rows) < 2:
+        return
+    decimals = [len(row.rsplit(None, 1)[-1].partition(".")[2]) for row in rows[-2:]]
+    if decimals[1] < decimals[0]:
+        raise InputError(
+            f"the file ends inside a number: '{rows[-1].rsplit(None, 1)[-1][:40]}'",
+            where=f"{path}, last line",
+            hint="copy or export it again; if it is whole, end it with a line break",
+        )
 
 
 def _refit(line: str, cells: list[str], width: int, where: str) -> list[str]:

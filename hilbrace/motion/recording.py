@@ -62,7 +62,7 @@ def read_recording(
         content = reader.read(markers)
         recording = Recording(content.markers, content.plates, content.notes)
     elif kind == ".trc":
-        recording = Recording(read_trc(markers), None, ())
+        recording = Recording(_without_prefix(read_trc(markers), markers), None, ())
     else:
         raise InputError(
             f"'{markers.suffix}' is no kind of marker file",
@@ -96,6 +96,19 @@ def _upright(recording: Recording) -> Recording:
             torque=from_z_up(plates.torque),
         )
     return Recording(markers, plates, recording.notes)
+
+
+def _without_prefix(table: MarkerTable, path: Path) -> MarkerTable:
+    """Names without the subject that some programs put in front ("Subject:LASI")."""
+    names = tuple(name.rsplit(":", 1)[-1] for name in table.names)
+    repeated = [name for name in names if names.count(name) > 1]
+    if repeated:
+        raise InputError(
+            f"several subjects have a marker '{repeated[0]}'",
+            where=str(path),
+            hint="export one subject per file",
+        )
+    return replace(table, names=names)
 
 
 def keep_markers(table: MarkerTable, names: tuple[str, ...]) -> MarkerTable:

@@ -42,10 +42,16 @@ class StaticPose:
     notes: tuple[str, ...]
 
 
-def static_pose(recording: Recording, threshold_n: float, where: str) -> StaticPose:
+def static_pose(recording: Recording, held: tuple[str, ...], threshold_n: float, where: str) -> StaticPose:
     """Median over the frames of a standing trial that show all markers.
 
     Markers that the whole trial hides are left out, with a note.
+
+    Args:
+        recording: The standing trial.
+        held: Markers that have to hold still (the arms may sway).
+        threshold_n: Vertical force below which a plate is unloaded [N].
+        where: The file, for messages.
 
     Raises:
         InputError: Fewer than ten frames show all markers, or the subject moves.
@@ -64,14 +70,21 @@ def static_pose(recording: Recording, threshold_n: float, where: str) -> StaticP
             where=where,
             hint="label or fill the standing trial, or delete the marker from it",
         )
-    _refuse_motion(positions[complete], names, STILL_M, where, "stand still, or export the quiet part alone")
+    hint = "stand still, or export the quiet part alone"
+    _refuse_motion(positions[complete], names, held, STILL_M, where, hint)
     notes = [f"Standing trial: {name} is never visible." for name in np.array(table.names)[never]]
     pose = np.median(positions[complete], axis=0)
     return StaticPose(names, pose, _standing(recording, complete, threshold_n), tuple(notes))
 
 
-def pose_at_start(recording: Recording, threshold_n: float, where: str) -> StaticPose:
+def pose_at_start(recording: Recording, held: tuple[str, ...], threshold_n: float, where: str) -> StaticPose:
     """The first 0.3 s of a motion as a standing trial, if the subject stands still there.
+
+    Args:
+        recording: The motion.
+        held: Markers that have to hold still (the arms may sway).
+        threshold_n: Vertical force below which a plate is unloaded [N].
+        where: The file, for messages.
 
     Raises:
         InputError: The subject moves, or a marker is hidden.
@@ -87,17 +100,22 @@ def pose_at_start(recording: Recording, threshold_n: float, where: str) -> Stati
             where=where,
             hint=hint,
         )
-    _refuse_motion(positions, table.names, STILL_AT_START_M, f"{where}, first {START_SECONDS} s", hint)
+    _refuse_motion(positions, table.names, held, STILL_AT_START_M, f"{where}, first {START_SECONDS} s", hint)
     note = f"No standing trial: the first {START_SECONDS} s of the motion stand in for it."
     pose = np.nanmedian(positions, axis=0)
     return StaticPose(table.names, pose, _standing(recording, start, threshold_n), (note,))
 
 
 def _refuse_motion(
-    positions: Float[Array, "frame marker 3"], names: tuple[str, ...], limit_m: float, where: str, hint: str
+    positions: Float[Array, "frame marker 3"],
+    names: tuple[str, ...],
+    held: tuple[str, ...],
+    limit_m: float,
+    where: str,
+    hint: str,
 ) -> None:
     low, high = np.nanpercentile(positions, [5, 95], axis=0)
-    moved = (high - low).max(axis=1)
+    moved = np.where(np.isin(names, held), (high - low).max(axis=1), 0.0)
     worst = int(moved.argmax())
     if moved[worst] > limit_m:
         raise InputError(

@@ -10,8 +10,7 @@ import numpy as np
 from hilbrace.config import MotionSettings, SubjectSettings
 from hilbrace.errors import ConfigError, InputError
 from hilbrace.motion.c3d import C3DReader
-from hilbrace.motion.filters import lowpass
-from hilbrace.motion.foot_contacts import assign_contacts
+from hilbrace.motion.foot_contacts import assign_contacts, feet_by_name
 from hilbrace.motion.force_plates import (
     FEET,
     FootForces,
@@ -21,7 +20,14 @@ from hilbrace.motion.force_plates import (
     total_vertical,
     unload,
 )
-from hilbrace.motion.marker_maps import MarkerMap, foot_markers, match_markers, read_marker_map, some_names
+from hilbrace.motion.marker_maps import (
+    MarkerMap,
+    foot_markers,
+    match_markers,
+    read_marker_map,
+    segment_of,
+    some_names,
+)
 from hilbrace.motion.opensim_files import MarkerTable
 from hilbrace.motion.recording import Recording, check_markers, keep_markers, read_recording
 from hilbrace.motion.static_pose import StaticPose, pose_at_start, static_pose
@@ -37,8 +43,8 @@ LEAST_FRAMES = 10
 def read_trial(motion: MotionSettings, subject: SubjectSettings) -> Trial:
     """Read a recorded motion: a C3D file, or a TRC file with the ground reactions in a MOT or STO file.
 
-    Markers and forces are filtered with the same cut-off over the whole recording, gap by gap, and then cut
-    to the window. Gaps stay NaN.
+    Markers stay as they were recorded, gaps NaN: the same cut-off is applied later to the coordinates that
+    are fitted to them. Forces are filtered over the whole recording before it is cut to the window.
 
     Args:
         motion: Which files, and how to read them.
@@ -132,30 +138,36 @@ def _measured(
 def _pose(
     recording: Recording, standing: Recording | None, known: MarkerMap, motion: MotionSettings
 ) -> StaticPose:
-    threshold = motion.force_threshold_n
+    threshold, held = motion.force_threshold_n, _held(known)
     if standing is None:
-        return pose_at_start(recording, threshold, str(motion.markers))
+        return pose_at_start(recording, held, threshold, str(motion.markers))
     check_markers(standing.markers, known, str(motion.static))
     if standing.plates is not None:
         check_columns(standing.plates, threshold)
-    pose = static_pose(standing, threshold, str(motion.static))
+    pose = static_pose(standing, held, threshold, str(motion.static))
     if pose.vertical_n is not None:
         return pose
-    return replace(pose, vertical_n=_weight_at_start(recording, motion))
+    return replace(pose, vertical_n=_weight_at_start(recording, held, motion))
 
 
-def _weight_at_start(recording: Recording, motion: MotionSettings) -> float | None:
+def _weight_at_start(recording: Recording, held: tuple[str, ...], motion: MotionSettings) -> float | None:
     """Force while standing at the start of the motion, where the standing trial has none."""
     try:
-        return pose_at_start(recording, motion.force_threshold_n, str(motion.markers)).vertical_n
+        return pose_at_start(recording, held, motion.force_threshold_n, str(motion.markers)).vertical_n
     except InputError:
         return None
+
+
+def _held(known: MarkerMap) -> tuple[str, ...]:
+    """Markers that hold still when a person stands: those of the trunk and the legs."""
+    arms = ("humerus", "ulna", "radius", "hand")
+    return tuple(name for name, segment in segment_of(known).items() if not segment.startswith(arms))
 
 
 def _cut(
     table: MarkerTable, plates: PlateForces, motion: MotionSettings, where: str
 ) -> tuple[MarkerTable, list[str]]:
-    """Filter the markers, and keep the frames of the window for which there are forces."""
+    """The frames of the window for which there are forces."""
     start, end = motion.window or (table.time[0], table.time[-1])
     slack = 0.5 / table.rate_hz
     inside = (table.time >= start - slack) & (table.time <= end + slack)
@@ -177,12 +189,12 @@ def _cut(
         )
     if (inside & ~covered).any():
         notes.append(f"{(inside & ~covered).sum()} frames without ground reactions were cut off.")
-    positions = lowpass(table.positions, table.rate_hz, motion.cutoff_hz)[kept]
-    gaps = np.isnan(positions).any(axis=2).mean(axis=0)
+    positions = table.positions[kept]
+    gaps = np.isnan(positions).any(axis=2).sum(axis=0).tolist()
     notes += [
-        f"{n} is hidden in {100 * g:.0f} % of the frames."
-        for n, g in zip(table.names, gaps, strict=True)
-        if g
+        f"{name} is hidden in {gap} of {len(positions)} frames."
+        for name, gap in zip(table.names, gaps, strict=True)
+        if gap
     ]
     return replace(table, time=table.time[kept], positions=positions), notes
 
@@ -190,11 +202,8 @@ def _cut(
 def _feet(
     table: MarkerTable, plates: PlateForces, known: MarkerMap, motion: MotionSettings
 ) -> tuple[FootForces, tuple[str, ...]]:
-    named = {"r": "right", "right": "right", "l": "left", "left": "left"}
-    given = dict(motion.plates) or {p: named[p.lower()] for p in plates.names if p.lower() in named}
+    given = dict(motion.plates) or feet_by_name(plates)
     feet = {foot: keep_markers(table, foot_markers(known, foot)).positions for foot in FEET}
-    if not motion.plates and len(given) < len(plates.names):
-        given = {}
     owner, notes = assign_contacts(plates, table.time, feet, given)
     forces = foot_forces(plates, owner, table.time, motion.cutoff_hz, motion.force_threshold_n)
     return forces, notes

@@ -9,7 +9,7 @@ from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.body.body import Body
 from hilbrace.body.posing import bone_transforms
 from hilbrace.body.skinning import bind, skin
-from hilbrace.errors import ConfigError, GeometryError
+from hilbrace.errors import ConfigError, GeometryError, InputError
 from hilbrace.units import MM_PER_M
 
 Array = np.ndarray
@@ -48,6 +48,7 @@ def frames_of(loads: JointLoads, joint: str, frames_per_second: float) -> Int[Ar
 
     Raises:
         ConfigError: The recording holds no loads of the joint.
+        InputError: Coordinates, angles or forces are missing (NaN).
     """
     if joint not in loads.joints:
         raise ConfigError(
@@ -56,7 +57,17 @@ def frames_of(loads: JointLoads, joint: str, frames_per_second: float) -> Int[Ar
             hint=f"joints there are: {', '.join(loads.joints)}",
         )
     at = loads.joints.index(joint)
-    return choose_frames(loads.time, loads.angles[:, at, 0], loads.acting_force[:, at], frames_per_second)
+    flexion, force = loads.angles[:, at, 0], loads.acting_force[:, at]
+    unknown = ~(
+        np.isfinite(loads.coordinates).all(axis=1) & np.isfinite(flexion) & np.isfinite(force).all(axis=1)
+    )
+    if unknown.any():
+        raise InputError(
+            f"angles or forces are missing in {int(unknown.sum())} frames",
+            where=f"motion at {loads.time[np.argmax(unknown)]:.3f} s",
+            hint="choose a part of the recording without gaps (motion.window)",
+        )
+    return choose_frames(loads.time, flexion, force, frames_per_second)
 
 
 def pose_in_tibia(

@@ -15,6 +15,9 @@ Array = np.ndarray
 _SNAP = 0.1
 """Vertices nearer to a cutting plane than this share of an edge move onto it [-]."""
 
+_ROUND = 1.8
+"""Cross-sections of thigh and shank are less elongated than this, those of the foot more [-]."""
+
 _MARGIN = 3.0
 """Skin kept beyond the planes while the mesh is refined, in edge lengths [-]."""
 
@@ -149,16 +152,16 @@ def _check_annulus(region: Surface, limb: Limb, planes: tuple[Plane, Plane]) -> 
     holes = len(loops) - sum(len(found) for found in edges)
     if holes:
         raise GeometryError(
-            f"the skin has {holes} holes or open ends in the braced region",
+            f"the skin has {holes} hole(s) or open end(s) in the braced region",
             where="domain.above, domain.below",
             hint="fill the holes of the scan, or move the edges so that they lie on the skin",
         )
     for found, key, part in ((edges[0], "domain.above", "crotch"), (edges[1], "domain.below", "foot")):
-        if len(found) != 1:
+        if len(found) != 1 or _elongation(found[0]) > _ROUND:
             raise GeometryError(
-                f"the region has {len(found)} edges where it should have one: it reaches the {part}",
+                f"the edge of the region is no ring around the limb: it reaches the {part}",
                 where=key,
-                hint=f"lower {key}",
+                hint=f"lower {key}, or check the joint centres",
             )
         if abs(_turns_about_axis(found[0], limb)) != 1:
             raise GeometryError(
@@ -172,6 +175,12 @@ def _check_annulus(region: Surface, limb: Limb, planes: tuple[Plane, Plane]) -> 
             where="skin of the braced region",
             hint="repair the mesh (close tunnels, remove inner surfaces) and read it again",
         )
+
+
+def _elongation(loop: Float[Array, "point 3"]) -> float:
+    """Length over width of a loop."""
+    spread = np.linalg.svd(loop - loop.mean(axis=0), compute_uv=False)
+    return float(spread[0] / spread[1])
 
 
 def _turns_about_axis(loop: Float[Array, "point 3"], limb: Limb) -> int:

@@ -24,9 +24,9 @@ KNEE = np.array([-0.0563, -0.4829, 0.0760])
 ANKLE = np.array([-0.0663, -0.8829, 0.0760])
 
 CONES = (
-    (HIP, KNEE, 0.070, 0.056),
-    (KNEE, ANKLE, 0.055, 0.036),
-    (KNEE + np.array([-0.02, -0.10, 0.0]), KNEE + np.array([-0.025, -0.18, 0.0]), 0.047, 0.042),
+    (HIP, KNEE, 0.070, 0.046),
+    (KNEE, ANKLE, 0.045, 0.034),
+    (KNEE + np.array([-0.02, -0.10, 0.0]), KNEE + np.array([-0.025, -0.18, 0.0]), 0.042, 0.038),
     (KNEE + np.array([0.03, 0.005, 0.0]), KNEE + np.array([0.03, -0.005, 0.0]), 0.035, 0.035),
     (ANKLE + np.array([-0.03, -0.04, 0.0]), ANKLE + np.array([0.14, -0.05, 0.01]), 0.035, 0.030),
     (np.array([-0.05, 0.0, 0.0]), np.array([-0.05, 0.4, 0.0]), 0.15, 0.17),
@@ -49,7 +49,7 @@ def body_distance(points):
     half = points * [1.0, 1.0, np.nan]
     half[..., 2] = np.abs(points[..., 2])
     parts = [cone_distance(half, *cone) for cone in CONES]
-    return 0.015 * np.log(np.sum([np.exp(-part / 0.015) for part in parts], axis=0))
+    return 0.01 * np.log(np.sum([np.exp(-part / 0.01) for part in parts], axis=0))
 
 
 def tabulated(function):
@@ -98,7 +98,7 @@ def make_body(vertices, triangles, centres) -> Body:
         vertices=vertices,
         triangles=triangles,
         bones=BONES,
-        bone_weights=smoothed_weights(vertices, triangles, weights, 0.04),
+        bone_weights=smoothed_weights(vertices, triangles, weights, 0.06),
         joint_names=JOINTS,
         joint_centres=centres,
         fit_error_mm=np.zeros(6),

@@ -135,7 +135,6 @@ class OptimizeSettings(Section):
         0.5, gt=0, description="assumed passive knee stiffness, sagittal"
     )
     passive_axial_nm_per_deg: float = Field(1.5, gt=0, description="assumed passive knee stiffness, axial")
-    segmentation_every: int = Field(20, ge=1, description="iterations between refreshes of the firm/soft map")
     checkpoint_every: int = Field(5, ge=1, description="iterations between checkpoints")
 
 
@@ -145,7 +144,7 @@ class PatternSettings(Section):
     scale: float = Field(
         0.08, gt=0.01, lt=0.5, description="period of the cells in the flat map (paper: 0.08)"
     )
-    min_strut_mm: float = Field(2.0, gt=0, description="narrowest strut that can be cast [mm]")
+    min_strut_mm: float = Field(1.5, gt=0, description="narrowest strut that can be cast [mm]")
     min_slit_mm: float = Field(1.0, ge=0, description="narrowest slit that can be cast [mm]")
     rim_mm: float = Field(8.0, ge=2, description="width of the solid bands at both edges [mm]")
     blend_mm: float = Field(30.0, gt=0, description="width of the transition from firm to soft [mm]")

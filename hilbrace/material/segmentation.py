@@ -1,10 +1,14 @@
 """Where the brace is firm and where it is soft: a cut of the skin by how much the motion strains it.
 
 Skin that the motion hardly strains (low elastic energy) takes the firm microstructure, the rest the soft
-one (paper, Sec. 3.3.2). The energy is cut at the threshold that best separates its logarithm into two
-classes (Otsu 1979), and the cut is straightened by the minimum cut of a graph over the triangles, which
-weighs each triangle's distance from the threshold against the length of the border. Patches too small to
-matter join their surroundings.
+one (paper, Sec. 3.3.2). The energy is cut at the threshold that best separates it into two classes (Otsu
+1979), and the cut is straightened by the minimum cut of a graph over the triangles, which weighs each
+triangle's distance from the threshold against the length of the border. Patches too small to matter join
+their surroundings.
+
+The energy itself is cut and not its logarithm: the logarithm calls half of the sleeve soft, a ring around
+the whole shank with it, and such a ring gives away the frontal stiffness that the firm cells were put there
+for.
 """
 
 from __future__ import annotations
@@ -41,11 +45,12 @@ def segment(
     Returns:
         True where firm. All firm if the energy is the same everywhere.
     """
-    energy = np.log10(energy_density + 1e-6 * energy_density.max() + np.finfo(float).tiny)
-    spread = np.ptp(energy)
-    if spread < 1e-9:
+    energy = energy_density
+    if np.ptp(energy) <= 1e-9 * np.abs(energy).max():
         return np.ones(len(triangles), dtype=bool)
     threshold = otsu_threshold(energy, areas)
+    low = energy <= threshold
+    spread = np.average(energy[~low], weights=areas[~low]) - np.average(energy[low], weights=areas[low])
     edges, pairs = dual_edges(triangles)
     lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     cost = (threshold - energy) / spread * areas / areas.mean()

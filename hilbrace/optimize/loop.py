@@ -90,12 +90,6 @@ def run_loop(
     seconds: list[float] = []
     while state.iteration < settings.iterations:
         start = time.perf_counter()
-        if (
-            state.iteration % settings.segmentation_every == 0
-            and 0 < state.iteration <= settings.iterations // 2
-        ):
-            state = _segmented(problem, state, firm)
-            firm = firmness(problem, state.firm)
         state = _step(problem, firm, state)
         seconds.append(time.perf_counter() - start)
         if state.iteration % settings.checkpoint_every == 0:
@@ -113,7 +107,7 @@ def first_state(problem: Problem, key: str) -> Progress:
     settings = problem.settings
     size = problem.triangles.field.size
     theta = initial_parameters(size, settings.seed, START_NOISE).numpy()
-    firm = segment_by_energy(problem, problem.unit_energy)
+    firm = segment_by_energy(problem)
     bias = level_for_volume(problem, firmness(problem, firm), torch.from_numpy(theta))
     return Progress(
         key=key,
@@ -135,10 +129,14 @@ def firmness(problem: Problem, firm: Bool[Array, " triangle"]) -> Firmness:
     return Firmness(torch.from_numpy(triangle), torch.from_numpy(vertex[domain.weld]))
 
 
-def segment_by_energy(problem: Problem, energy: Float[Tensor, " triangle"]) -> Bool[Array, " triangle"]:
-    """Firm where the elastic energy is low, soft where it is high (paper, Sec. 3.3.2)."""
+def segment_by_energy(problem: Problem) -> Bool[Array, " triangle"]:
+    """Firm where the skin hardly deforms, soft where it must follow the motion (paper, Sec. 3.3.2).
+
+    The energy is taken for one modulus everywhere. With the moduli of the present field it would feed back:
+    the firm microstructure stores more energy for being firm, and would be called soft.
+    """
     domain = problem.domain
-    return segment(energy.numpy(), problem.areas.numpy(), domain.triangles, domain.vertices)
+    return segment(problem.unit_energy.numpy(), problem.areas.numpy(), domain.triangles, domain.vertices)
 
 
 def level_for_volume(problem: Problem, firm: Firmness, theta: Tensor) -> float:
@@ -228,15 +226,6 @@ def _normalised(
     terms = losses.normalised(evaluation.stability, evaluation.terms, losses.Scales(*state.scales))
     total = (weights * terms).sum()
     return torch.cat([terms, total[None]]), total
-
-
-def _segmented(problem: Problem, state: Progress, firm: Firmness) -> Progress:
-    """Refresh the segmentation from the energy that the present moduli give."""
-    with torch.no_grad():
-        theta, bias = _tensors(state)
-        d = design_variable(problem, problem.triangles, firm.triangles, theta, bias)
-        modulus = problem.cells.modulus(d, firm.triangles)
-    return replace(state, firm=segment_by_energy(problem, modulus * problem.unit_energy))
 
 
 def _resume(checkpoint: Path, key: str) -> Progress | None:

@@ -47,16 +47,25 @@ def lowpass(
     sections = _sections(rate_hz, cutoff_hz)
     flat = np.array(values, float).reshape(len(values), -1)
     shortest = max(3, round(rate_hz / (3 * cutoff_hz)))
-    padding = round(2 * rate_hz / cutoff_hz)
-    whole = np.isfinite(flat).all(axis=0)
-    if whole.any() and len(flat) > shortest:
-        flat[:, whole] = sosfiltfilt(sections, flat[:, whole], axis=0, padlen=min(padding, len(flat) - 1))
-    for column in np.flatnonzero(~whole):
-        for run in gap_free_runs(flat[:, column]):
-            if run.stop - run.start > shortest:
-                length = min(padding, run.stop - run.start - 1)
-                flat[run, column] = sosfiltfilt(sections, flat[run, column], padlen=length)
+    padding = round(3 * rate_hz / cutoff_hz)
+    whole = np.asarray(np.isfinite(flat).all(axis=0))
+    runs = [(slice(0, len(flat)), np.flatnonzero(whole))]
+    runs += [(run, np.array([k])) for k in np.flatnonzero(~whole) for run in gap_free_runs(flat[:, k])]
+    for run, columns in runs:
+        if run.stop - run.start > shortest and len(columns):
+            flat[run, columns] = _both_ways(flat[run, columns], sections, padding)
     return flat.reshape(np.shape(values))
+
+
+def _both_ways(
+    values: Float[Array, "sample column"], sections: Float[Array, "section 6"], padding: int
+) -> Float[Array, "sample column"]:
+    """Filter forward and backward what lies above the straight line between the run's ends.
+
+    The rest starts and ends at zero, so that the filter starts at rest; a straight line passes unchanged.
+    """
+    line = np.linspace(values[0], values[-1], len(values))
+    return line + sosfiltfilt(sections, values - line, axis=0, padlen=min(padding, len(values) - 1))
 
 
 def gap_free_runs(values: Float[Array, " sample"]) -> list[slice]:

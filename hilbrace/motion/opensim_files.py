@@ -2,7 +2,7 @@
 
 Nothing is lost in silence. An empty cell, NaN or the exact point (0, 0, 0), which motion-capture programs
 write for a hidden marker, is a gap and reads as NaN. A row that is shorter than its header promises, or
-fewer rows than promised, means that the file was cut short: it is refused.
+fewer rows than promised, or a last line without an end, means that the file was cut short: it is refused.
 """
 
 from __future__ import annotations
@@ -278,7 +278,7 @@ def _trc_names(line: str, count: int, path: Path) -> tuple[str, ...]:
     """Marker names; an unnamed trajectory is called ``*k``, as in C3D files."""
     cells = [cell.strip() for cell in line.split("\t")]
     names = [cell for cell in cells[2:] if cell]
-    if len(names) < count:
+    if len(names) < count and len(cells) >= 3 * count:
         names = [cell or f"*{k}" for k, cell in enumerate((cells[2::3] + [""] * count)[:count], 1)]
     if len(names) != count or len(set(names)) != count or all(name.startswith("*") for name in names):
         raise InputError(
@@ -311,6 +311,12 @@ def _numbers(
     lines: list[str], first: int, width: int, labels: list[str], path: Path
 ) -> Float[Array, "row column"]:
     """The table below the header; empty cells are NaN."""
+    if lines[-1].strip():
+        raise InputError(
+            "the last line does not end: the file may be cut short",
+            where=f"{path}, line {len(lines)}",
+            hint="copy or export it again; if it is whole, end it with a line break",
+        )
     rows: list[list[float]] = []
     for number, line in enumerate(lines[first:], first + 1):
         if not line.strip():
@@ -323,7 +329,6 @@ def _numbers(
         except ValueError:
             rows.append([_number(cell, f"{path}, line {number}, column {k + 1} '{labels[k]}'")
                          for k, cell in enumerate(cells)])  # fmt: skip
-    _check_last_cell([line for line in lines[first:] if line], lines[-1] == "", path)
     table = np.array(rows, float).reshape(len(rows), width)
     if np.isinf(table).any():
         row, column = np.argwhere(np.isinf(table))[0]
@@ -333,19 +338,6 @@ def _numbers(
             hint="export the file again, with gaps empty",
         )
     return table
-
-
-def _check_last_cell(rows: list[str], ended: bool, path: Path) -> None:
-    """Refuse a file that stops inside its last number: no line break, fewer decimals than the row above."""
-    if ended or len(rows) < 2:
-        return
-    decimals = [len(row.rsplit(None, 1)[-1].partition(".")[2]) for row in rows[-2:]]
-    if decimals[1] < decimals[0]:
-        raise InputError(
-            f"the file ends inside a number: '{rows[-1].rsplit(None, 1)[-1][:40]}'",
-            where=f"{path}, last line",
-            hint="copy or export it again; if it is whole, end it with a line break",
-        )
 
 
 def _refit(line: str, cells: list[str], width: int, where: str) -> list[str]:

@@ -261,7 +261,7 @@ def _plates(
         torque[:, at] = content[f"plate{k}_moment"] * _unit(
             _MOMENT_TO_NM, content[f"plate{k}_unit_moment"], where
         )
-        point[:, at] = content[f"plate{k}_corners"].mean(axis=0) * to_m
+        point[:, at] = _middle(content[f"plate{k}_corners"], where) * to_m
         if _pulls(force[:, at]):
             force[:, at] *= -1
             torque[:, at] *= -1
@@ -279,6 +279,16 @@ def _plates(
         torque,
     )
     return plates, tuple(notes)
+
+
+def _middle(corners: Float[Array, "corner 3"], where: str) -> Float[Array, " 3"]:
+    if corners.shape != (4, 3) or not np.isfinite(corners).all():
+        raise InputError(
+            "the plate's corners are no four points",
+            where=where,
+            hint="set FORCE_PLATFORM:CORNERS, export again",
+        )
+    return corners.mean(axis=0)
 
 
 def _pulls(force: Float[Array, "sample 3"]) -> bool:

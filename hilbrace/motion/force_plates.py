@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from hilbrace.errors import InputError
 from hilbrace.motion.filters import lowpass
@@ -154,7 +154,7 @@ def _check_levers(plates: PlateForces, k: int, loaded: Bool[Array, " sample"], w
 
 def foot_forces(
     plates: PlateForces,
-    owner: Float[Array, "sample plate"],
+    owner: Int[Array, "sample plate"],
     time: Float[Array, " frame"],
     cutoff_hz: float,
     threshold_n: float,
@@ -193,14 +193,15 @@ def _reduce(
 ) -> tuple[Float[Array, "frame 3"], Float[Array, "frame 3"], Float[Array, "frame 3"]]:
     """Force, centre of pressure and free torque of a wrench about the origin."""
     loaded = wrench[:, UP] >= max(threshold_n, 1e-9)
-    force, moment = wrench[:, :3] * loaded[:, None], wrench[:, 3:6]
-    vertical = np.where(loaded, force[:, 1], 1.0)
-    height = wrench[:, 6] / vertical
+    force = np.where(loaded[:, None], wrench[:, :3], 0.0)
+    moment = np.where(loaded[:, None], wrench[:, 3:6], 0.0)
+    vertical = np.where(loaded, wrench[:, UP], 1.0)
+    height = np.where(loaded, wrench[:, 6], 0.0) / vertical
     x = (moment[:, 2] + height * force[:, 0]) / vertical
     z = (height * force[:, 2] - moment[:, 0]) / vertical
-    centre = np.column_stack([x, height, z]) * loaded[:, None]
-    twist = (moment[:, 1] - (centre[:, 2] * force[:, 0] - centre[:, 0] * force[:, 2])) * loaded
-    return force, centre, np.column_stack([0 * twist, twist, 0 * twist])
+    twist = moment[:, 1] - (z * force[:, 0] - x * force[:, 2])
+    still = np.zeros_like(twist)
+    return force, np.column_stack([x, height, z]), np.column_stack([still, twist, still])
 
 
 def total_vertical(plates: PlateForces) -> Float[Array, " sample"]:

@@ -74,11 +74,11 @@ def read_trial(motion: MotionSettings, subject: SubjectSettings) -> Trial:
             hint="name their .mot or .sto file as motion.forces, or record with force plates",
         )
     check_columns(recording.plates, motion.force_threshold_n)
+    table, cut_notes = _cut(recording.markers, recording.plates, motion, where)
     pose = _pose(recording, standing, known, motion)
     plates = unload(recording.plates, motion.force_threshold_n)
     mass = subject_mass(subject.mass_kg, pose.vertical_n, str(motion.static or motion.markers))
     check_weight(total_vertical(plates), mass, plates.source)
-    table, cut_notes = _cut(recording.markers, plates, motion, where)
     forces, foot_notes = _feet(table, plates, known, motion)
     return Trial(
         name=motion.markers.stem,

@@ -164,9 +164,8 @@ def test_150_mutations_never_harm_the_caller(small, tmp_path, reader):
 
 def test_a_reader_that_dies_is_replaced(small, tmp_path, monkeypatch):
     source = Path(c3d_module.__file__).with_name("c3d_worker.py").read_text()
-    fragile = source.replace(
-        "    content = ezc3d", "    if 'deadly' in path:\n        os.abort()\n    content = ezc3d"
-    )
+    crash = "    if 'deadly' in path:\n        os.abort()\n"
+    fragile = source.replace("    content = ezc3d", crash + "    content = ezc3d")
     assert fragile != source
     (tmp_path / "c3d_worker.py").write_text(fragile)
     monkeypatch.setattr(c3d_module, "__file__", str(tmp_path / "c3d.py"))

@@ -117,7 +117,7 @@ class OptimizeSettings(Section):
 
     seed: int = Field(0, description="seed of everything random")
     iterations: int = Field(100, ge=1, le=10000, description="iterations")
-    learning_rate: float = Field(0.1, gt=0, description="step of Adam")
+    learning_rate: float = Field(0.3, gt=0, description="step of Adam")
     sigma: float = Field(10.0, gt=0, description="sharpness of the Gaussians (paper: 4)")
     volume_fraction: float = Field(0.4, gt=0.1, lt=0.65, description="target volume fraction [-]")
     weights: LossWeights = LossWeights()

@@ -113,7 +113,11 @@ def material_of(
 
 
 def mechanics_of(problem: Problem, modulus: Float[Tensor, " triangle"]) -> Mechanics:
-    """Solve the shell and let the joint respond."""
+    """Solve the shell and let the joint respond.
+
+    The stiffness is a tangent about each posture. The joint feels it axis by axis: a coupling term times the
+    whole flexion would be a torque that no sleeve exerts, and a design could be tuned to it.
+    """
     rest, *others = problem.postures
     response = shell_response(modulus, rest.shell, problem.load)
     stiffness = [joint_stiffness(response.loop_stiffness, rest.shell, rest.axes)]
@@ -121,7 +125,8 @@ def mechanics_of(problem: Problem, modulus: Float[Tensor, " triangle"]) -> Mecha
         stiffness.append(joint_stiffness(loop_stiffness(modulus, posture.shell), posture.shell, posture.axes))
     about_joint = torch.stack(stiffness) / MM_PER_M
     flexions = torch.tensor([posture.flexion for posture in problem.postures], dtype=torch.float64)
-    along = stiffness_along(problem.motion.angles[:, FLEXION], flexions, about_joint)
+    direct = torch.diag_embed(torch.diagonal(about_joint, dim1=1, dim2=2))
+    along = stiffness_along(problem.motion.angles[:, FLEXION], flexions, direct)
     return Mechanics(response, about_joint, angle_change(problem.motion, along))
 
 

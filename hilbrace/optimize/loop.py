@@ -23,7 +23,6 @@ from hilbrace.material.segmentation import blend_map, segment
 from hilbrace.optimize import losses
 from hilbrace.optimize.design import LOSSES
 from hilbrace.optimize.evaluate import Evaluation, Firmness, design_variable, evaluate, material_of
-from hilbrace.optimize.joint_response import ADDUCTION
 from hilbrace.optimize.problem import Problem
 from hilbrace.run.progress import Report
 from hilbrace.run.records import load, save
@@ -212,9 +211,9 @@ def adam(
 
 def _start(problem: Problem, evaluation: Evaluation) -> dict[str, Any]:
     terms = evaluation.terms.detach()
-    unbraced = float((problem.motion.angles[:, ADDUCTION] ** 2).mean())
-    stability = losses.Stability(evaluation.stability.preserved.detach(), evaluation.stability.prevented.detach())
-    scale = losses.scales(stability, unbraced, terms, len(problem.domain.seam_pairs))
+    first = evaluation.stability
+    stability = losses.Stability(first.preserved.detach(), first.prevented.detach(), first.effect.detach())
+    scale = losses.scales(stability, terms, len(problem.domain.seam_pairs))
     return {"losses_initial": terms.numpy(), "scales": astuple(scale)}
 
 

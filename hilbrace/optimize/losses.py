@@ -3,8 +3,8 @@
 ``total`` divides each by its value at the start, as the paper does. Three of them need a word:
 
 * L1. The frontal angle is a few degrees and a soft sleeve changes it by a per cent: ``L1 / L1_start`` would
-  be one for every design. The controlled angles are therefore measured by the change that the first
-  (uniform) brace makes to them, the preserved ones by their own start; see `relative_stability`.
+  be one for every design. The controlled angles are therefore measured by the size of the change that the
+  first (uniform) brace makes to them, the preserved ones by their own start; see `relative_stability`.
 * L4 and L5 are zero for a uniform field of the right volume. Their start value is not taken below that of
   a 5 % error (`TOLERANCE`).
 """
@@ -20,6 +20,14 @@ from torch import Tensor
 TOLERANCE = 0.05
 """Relative volume error, and jump of d across the seam, that count as one unit of loss [-]."""
 
+SUPPORT_UNIT = 0.25
+"""Share of the first brace's effect on the controlled angles that counts as one unit of loss [-].
+
+The paper adds squared angles; it leaves open what a degree of lost flexion is worth in degrees of adduction.
+At a whole effect (1.0) the optimizer gives frontal stiffness away for softness and ends below a uniform brace;
+at a quarter it ends above it.
+"""
+
 
 @dataclass(frozen=True)
 class Stability:
@@ -28,10 +36,12 @@ class Stability:
     Attributes:
         preserved: Sum over the preserved angles of the squared change (mean over frames) [rad^2].
         prevented: Sum over the controlled angles of the squared angle with the brace on [rad^2].
+        effect: Size of what the brace does to that second sum, whatever its sign [rad^2].
     """
 
     preserved: Float[Tensor, ""]
     prevented: Float[Tensor, ""]
+    effect: Float[Tensor, ""]
 
     @property
     def loss(self) -> Float[Tensor, ""]:
@@ -54,8 +64,10 @@ def joint_stability(
         prevent: Columns of the angles to control (frontal).
     """
     preserved = (change[:, list(preserve)] ** 2).sum(1).mean()
-    prevented = ((angles + change)[:, list(prevent)] ** 2).sum(1).mean()
-    return Stability(preserved, prevented)
+    held, moved = angles[:, list(prevent)], change[:, list(prevent)]
+    prevented = ((held + moved) ** 2).sum(1).mean()
+    effect = (2.0 * (held * moved).abs() + moved**2).sum(1).mean()
+    return Stability(preserved, prevented, effect)
 
 
 def elastic_energy(
@@ -98,7 +110,7 @@ class Scales:
     Attributes:
         preserved: Start of L1's preserved sum [rad^2].
         prevented: Start of L1's controlled sum [rad^2].
-        prevented_effect: Change of that sum by the first brace, against no brace, positive [rad^2].
+        effect: Size of the first brace's effect on that sum [rad^2].
         elastic_energy: Start of L2.
         compliance: Start of L3.
         volume: Start of L4, not below its floor.
@@ -107,30 +119,26 @@ class Scales:
 
     preserved: float
     prevented: float
-    prevented_effect: float
+    effect: float
     elastic_energy: float
     compliance: float
     volume: float
     seam: float
 
 
-def scales(
-    stability: Stability, prevented_unbraced: float, terms: Float[Tensor, "5"], seam_pairs: int
-) -> Scales:
+def scales(stability: Stability, terms: Float[Tensor, "5"], seam_pairs: int) -> Scales:
     """The scales of a run from the first field's losses.
 
     Args:
         stability: L1's sums for the first field.
-        prevented_unbraced: L1's controlled sum without a brace [rad^2].
         terms: L1..L5 of the first field.
         seam_pairs: Number of seam pairs.
     """
     tiny = 1e-30
-    effect = abs(float(stability.prevented) - prevented_unbraced)
     return Scales(
         preserved=max(float(stability.preserved), tiny),
         prevented=float(stability.prevented),
-        prevented_effect=max(effect, tiny),
+        effect=max(float(stability.effect), tiny),
         elastic_energy=max(float(terms[1]), tiny),
         compliance=max(float(terms[2]), tiny),
         volume=max(float(terms[3]), TOLERANCE**2),
@@ -139,13 +147,13 @@ def scales(
 
 
 def relative_stability(stability: Stability, scale: Scales) -> Float[Tensor, ""]:
-    """L1 in units of what the first brace does: one at the start, and falling as the design improves.
+    """L1 in units of what the first brace does: one at the start, falling as the design improves.
 
     The preserved part is divided by its start. The controlled part falls by one when the brace takes off
-    twice what the first brace took off.
+    `SUPPORT_UNIT` of the first brace's effect more than the first brace did.
     """
     preserved = stability.preserved / scale.preserved
-    prevented = 1.0 + (stability.prevented - scale.prevented) / scale.prevented_effect
+    prevented = 1.0 + (stability.prevented - scale.prevented) / (SUPPORT_UNIT * scale.effect)
     return 0.5 * (preserved + prevented)
 
 

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hilbrace.biomech.analysis import compute_joint_loads, write_joint_loads_csv
+from hilbrace.biomech.analysis import compute_joint_loads
 from hilbrace.biomech.joint_loads import JointLoads
+from hilbrace.biomech.loads_csv import write_joint_loads_csv
 from hilbrace.body.body import Body
 from hilbrace.body.build import build_body
 from hilbrace.domain.build import build_domain
@@ -38,7 +39,7 @@ def motion(inputs: Inputs) -> Outcome:
         recording.mkdir(exist_ok=True)
         paths = write_recording(generate(settings.synthetic, rate_hz=SYNTHETIC_RATE_HZ), recording)
         files = tuple(paths.values())
-        source = {"markers": paths["motion"], "static": paths["static"], "marker_map": "hilbrace"}
+        source = {"markers": paths["c3d"], "static": paths["static_c3d"], "marker_map": "hilbrace"}
         trial = read_trial(settings.model_copy(update=source), inputs.config.subject)
         trial = replace(trial, name=f"synthetic {settings.synthetic}", origin="synthetic")
     elif settings.markers is None:

@@ -19,6 +19,7 @@ def test_joint_stability_is_the_table_row():
     stability = losses.joint_stability(angles, change, preserve=(0,), prevent=(1,))
     assert float(stability.preserved) == pytest.approx((0.1**2 + 0.0) / 2)
     assert float(stability.prevented) == pytest.approx((0.15**2 + 0.05**2) / 2)
+    assert float(stability.effect) == pytest.approx((2 * 0.2 * 0.05 + 0.05**2 + 2 * 0.1 * 0.05 + 0.05**2) / 2)
     assert float(stability.loss) == pytest.approx(float(stability.preserved + stability.prevented))
 
 
@@ -41,12 +42,16 @@ def test_compliance_lies_between_the_largest_and_the_root_of_the_count(values, e
 
 def test_compliance_is_the_table_row():
     energies = torch.tensor([1.0, 2.0, 4.0], dtype=DOUBLE)
-    assert float(losses.compliance(energies, 3.0)) == pytest.approx(0.5 * (2.0**3 + 4.0**3 + 8.0**3) ** (1 / 3))
+    assert float(losses.compliance(energies, 3.0)) == pytest.approx(
+        0.5 * (2.0**3 + 4.0**3 + 8.0**3) ** (1 / 3)
+    )
 
 
 def test_volume_is_zero_at_the_target_only():
     areas = torch.tensor([1.0, 3.0], dtype=DOUBLE)
-    assert float(losses.volume(torch.tensor([0.7, 0.3], dtype=DOUBLE), areas, 0.4)) == pytest.approx(0, abs=1e-30)
+    assert float(losses.volume(torch.tensor([0.7, 0.3], dtype=DOUBLE), areas, 0.4)) == pytest.approx(
+        0, abs=1e-30
+    )
     assert float(losses.volume(torch.tensor([0.44, 0.44], dtype=DOUBLE), areas, 0.4)) == pytest.approx(0.01)
 
 
@@ -55,15 +60,21 @@ def test_seam_counts_jumps():
     assert float(losses.seam(d, torch.tensor([[0, 2], [1, 3]]))) == pytest.approx(0.0025)
 
 
+def _stability(*sums: float) -> losses.Stability:
+    return losses.Stability(*(torch.tensor(value, dtype=DOUBLE) for value in sums))
+
+
 def _start() -> tuple[losses.Stability, torch.Tensor, losses.Scales]:
-    stability = losses.Stability(torch.tensor(0.02, dtype=DOUBLE), torch.tensor(0.9, dtype=DOUBLE))
+    stability = _stability(0.02, 0.9, 0.1)
     terms = torch.tensor([0.92, 5.0, 7.0, 0.0, 0.0], dtype=DOUBLE)
-    return stability, terms, losses.scales(stability, 1.0, terms, seam_pairs=10)
+    return stability, terms, losses.scales(stability, terms, seam_pairs=10)
 
 
 def test_every_loss_that_is_not_zero_starts_at_one():
     stability, terms, scale = _start()
-    np.testing.assert_allclose(losses.normalised(stability, terms, scale).numpy(), [1, 1, 1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(
+        losses.normalised(stability, terms, scale).numpy(), [1, 1, 1, 0, 0], atol=1e-12
+    )
 
 
 def test_volume_and_seam_are_measured_by_a_five_per_cent_error():
@@ -73,11 +84,11 @@ def test_volume_and_seam_are_measured_by_a_five_per_cent_error():
     np.testing.assert_allclose(losses.normalised(stability, terms, scale).numpy(), [1, 1, 1, 1, 1])
 
 
-def test_twice_the_first_braces_effect_takes_half_off_the_stability_loss():
-    stability, _, scale = _start()
-    better = losses.Stability(stability.preserved, torch.tensor(0.8, dtype=DOUBLE))
+def test_a_unit_of_support_takes_half_off_the_stability_loss():
+    _, _, scale = _start()
+    better = _stability(0.02, 0.9 - losses.SUPPORT_UNIT * 0.1, 0.2)
     assert float(losses.relative_stability(better, scale)) == pytest.approx(0.5)
-    worse = losses.Stability(4 * stability.preserved, stability.prevented)
+    worse = _stability(0.08, 0.9, 0.1)
     assert float(losses.relative_stability(worse, scale)) == pytest.approx(2.5)
 
 

@@ -8,7 +8,7 @@ against the ground reaction (paper, Eq. 1). It needs no estimate of single muscl
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -23,11 +23,9 @@ from hilbrace.body.body import Body
 from hilbrace.config import BiomechSettings, MotionSettings
 from hilbrace.errors import InputError
 from hilbrace.motion.filters import lowpass
+from hilbrace.motion.marker_maps import MarkerMap
 from hilbrace.motion.trial import Trial
 from hilbrace.run.progress import silent
-
-if TYPE_CHECKING:
-    from hilbrace.motion.marker_maps import MarkerMap
 
 Array = np.ndarray
 
@@ -82,7 +80,7 @@ def compute_joint_loads(
     Args:
         trial: The motion, its forces filtered.
         body: The subject's segment scales and mass.
-        marker_map: Meaning of the marker names; a user's model needs only its ignored names.
+        marker_map: Meaning of the marker names; not used with a model of the user.
         motion: Cut-off frequency.
         biomech: Model and regularisation of the knees.
         progress: Called with (done, total) frames of the fit.
@@ -102,12 +100,12 @@ def compute_joint_loads(
                     mass_kg=body.mass_kg,
                 )
             )
-            markers, start, said = calibrate(engine, figures, trial, marker_map, hold)
+            markers, start, said = calibrate(engine, figures, trial, marker_map)
         else:
             figures = ModelFigures(**engine.call("read_model", path=str(biomech.model.resolve())))
             said = _check_own_model(figures, body.mass_kg, str(biomech.model))
             markers, start = own_markers(figures)
-        fitted = follow(engine, figures, trial, markers, start, marker_map.ignored, hold, progress)
+        fitted = follow(engine, figures, trial, markers, start, hold, progress)
         smooth = lowpass(fitted.coordinates, trial.rate_hz, motion.cutoff_hz)
         poses = engine.call("poses", coordinates=smooth)
         joints = [joint_of_model(joint) for joint in JOINTS]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -15,15 +14,14 @@ from hilbrace.biomech.markers import (
     check_segments,
     landmarks_on_model,
     markers_of_model,
-    unmatched,
+    weight_of,
+    with_ankle_centres,
 )
 from hilbrace.biomech.model_figures import ModelFigures
 from hilbrace.errors import InputError
 from hilbrace.motion.filters import gap_free_runs
+from hilbrace.motion.marker_maps import MarkerMap, match_markers
 from hilbrace.motion.trial import Trial
-
-if TYPE_CHECKING:
-    from hilbrace.motion.marker_maps import MarkerMap
 
 Array = np.ndarray
 
@@ -61,20 +59,20 @@ class Kinematics:
 
 
 def calibrate(
-    engine: Engine, figures: ModelFigures, trial: Trial, marker_map: MarkerMap, knee_hold: float
+    engine: Engine, figures: ModelFigures, trial: Trial, marker_map: MarkerMap
 ) -> tuple[PlacedMarkers, Float[Array, " coordinate"], tuple[str, ...]]:
     """Put every marker where it sits on the scaled model while the subject stands.
 
     The pose comes from the landmarks at the model's places; then each marker, landmark or cluster, moves to
     where it was measured in that pose (as OpenSim's marker placer does), so that what is left of a landmark's
-    misfit does not disturb the motion.
+    misfit does not disturb the motion. A standing knee is neutral in adduction and rotation by definition:
+    what its landmarks say otherwise is the shape of the bones.
 
     Args:
         engine: Engine that holds the scaled model.
         figures: Figures of that model.
         trial: Recording with a standing trial.
         marker_map: Meaning of the marker names.
-        knee_hold: Stiffness that holds knee adduction and rotation near zero [m^2].
 
     Returns:
         Markers on the model, the standing pose [rad or m], and notes.
@@ -82,16 +80,15 @@ def calibrate(
     Raises:
         InputError: Too few landmarks, or the map does not fit the model.
     """
+    names = (*trial.static_marker_names, *trial.marker_names)
+    marker_map = match_markers(marker_map, names, f"'{trial.name}' and its standing trial")
     landmarks = landmarks_on_model(marker_map, figures)
     place = dict(zip(trial.static_marker_names, trial.static_markers, strict=True))
     place = {name: point for name, point in place.items() if np.isfinite(point).all()}
     standing = landmarks.of(place)
-    expected = (*marker_map.landmarks, *marker_map.clusters)
-    check_segments(
-        standing, list(place), marker_map.landmarks, f"static trial of '{trial.name}'",
-        (*marker_map.clusters, *marker_map.ignored),
-    )  # fmt: skip
+    check_segments(standing, place, f"standing trial of '{trial.name}'", standing=True)
     measured = np.array([place[name] for name in standing.names])
+    standing, measured = with_ankle_centres(standing, measured, marker_map.landmarks)
     start = _facing(engine, figures, standing, measured, figures.defaults)
     fitted = engine.call(
         "inverse_kinematics",
@@ -100,11 +97,10 @@ def calibrate(
         weights=standing.weights,
         measured=measured[None],
         start=start,
-        fixed=_fixed(figures, standing),
-        held=dict.fromkeys(KNEE_FRONTAL, knee_hold),
+        fixed=(*_fixed(figures, standing), *KNEE_FRONTAL),
     )
     pose = fitted["coordinates"][0]
-    names = [name for name in expected if name in place]
+    names = [name for name in marker_map.known() if name in place]
     carriers = [
         figures.marker_bodies[marker_map.landmarks[name]]
         if name in marker_map.landmarks
@@ -114,7 +110,10 @@ def calibrate(
     rotations, origins = _pose_of(engine, figures, pose, carriers)
     offsets = np.array([place[name] for name in names]) - origins
     placed = PlacedMarkers(
-        tuple(names), tuple(carriers), np.einsum("mji,mj->mi", rotations, offsets), np.ones(len(names))
+        tuple(names),
+        tuple(carriers),
+        np.einsum("mji,mj->mi", rotations, offsets),
+        np.array([weight_of(body) for body in carriers]),
     )
     misfit = 1e3 * float(np.sqrt((fitted["errors"][0][standing.weights == 1] ** 2).mean()))
     return placed, pose, (f"standing pose: bony landmarks within {misfit:.1f} mm RMS of the scaled model",)
@@ -126,7 +125,6 @@ def follow(
     trial: Trial,
     markers: PlacedMarkers,
     start: Float[Array, " coordinate"],
-    known: Sequence[str],
     knee_hold: float,
     progress: Report,
 ) -> Kinematics:
@@ -138,7 +136,6 @@ def follow(
         trial: The motion.
         markers: Markers on the model.
         start: Pose near the first frame's, up to place and heading [rad or m].
-        known: Recorded names that need no mention.
         knee_hold: Stiffness that holds knee adduction and rotation near zero [m^2].
         progress: Called with (done, total) frames.
 
@@ -151,18 +148,16 @@ def follow(
         name for name, any_frame in zip(trial.marker_names, seen.any(axis=0), strict=True) if any_frame
     ]
     tracked = markers.of(present)
-    check_segments(tracked, present, markers.names, f"motion '{trial.name}'", known)
+    check_segments(tracked, present, f"motion '{trial.name}'")
     measured = trial.markers[:, [trial.marker_names.index(name) for name in tracked.names]]
-    rest = start.copy()
-    rest[figures.columns([n for n in KNEE_FRONTAL if n in figures.coordinates])] = 0.0
-    first = np.array(np.isfinite(measured[0]).all(axis=1))
+    first = np.asarray(np.isfinite(measured[0]).all(axis=1))
     if first.sum() < FOOT_MARKERS:
         raise InputError(
             "the first frame shows fewer than three markers",
             where=f"motion '{trial.name}', frame 1",
             hint="start later with motion.window",
         )
-    visible = tracked.of([n for n, there in zip(tracked.names, first, strict=True) if there])
+    visible = tracked.of([n for n, there in zip(tracked.names, first.tolist(), strict=True) if there])
     fitted = engine.call(
         "inverse_kinematics",
         progress=progress,
@@ -170,23 +165,28 @@ def follow(
         locations=tracked.locations,
         weights=tracked.weights,
         measured=measured,
-        start=_facing(engine, figures, visible, measured[0, first], rest),
+        start=_facing(engine, figures, visible, measured[0, first], start),
         fixed=_fixed(figures, tracked),
         held=dict.fromkeys(KNEE_FRONTAL, knee_hold),
     )
     coordinates, bridged = _bridge(fitted["coordinates"], fitted["support"], figures, trial)
-    strange, missing = unmatched(present, markers.names, known)
-    notes = list(bridged)
-    if strange:
-        notes.append(f"recorded markers without a place on the model, not used: {', '.join(strange)}")
-    if missing:
-        notes.append(f"markers of the model that the motion does not show: {', '.join(missing)}")
+    notes = [
+        *bridged,
+        *_listed(
+            "recorded markers without a place on the model, not used", set(present) - set(markers.names)
+        ),
+        *_listed("markers of the model that the motion does not show", set(markers.names) - set(present)),
+    ]
     return Kinematics(coordinates, tracked.names, fitted["errors"], tuple(notes))
 
 
 def own_markers(figures: ModelFigures) -> tuple[PlacedMarkers, Float[Array, " coordinate"]]:
     """Markers and pose that a user's model brings; nothing is scaled or moved."""
     return markers_of_model(figures), figures.defaults
+
+
+def _listed(what: str, names: set[str]) -> list[str]:
+    return [f"{what}: {', '.join(sorted(names))}"] if names else []
 
 
 def _fixed(figures: ModelFigures, markers: PlacedMarkers) -> tuple[str, ...]:

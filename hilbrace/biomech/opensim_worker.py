@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import opensim as osim
 from jaxtyping import Float, Int
+from scipy.linalg import solve_triangular
 
 from hilbrace.biomech import opensim_model
 from hilbrace.errors import InputError, SolverError
@@ -35,6 +36,8 @@ osim.Logger.removeFileSink()
 REPORT_EVERY_S = 0.2
 STEP_TOLERANCE = 1e-7
 """Largest change of a coordinate [rad or m] at which a pose counts as found."""
+LONGEST_STEP = 0.3
+"""Largest change of a coordinate in one step [rad or m], so that no limb swings over into another minimum."""
 MAX_STEPS = 300
 SHARED_WEIGHT_M2 = 1e-5
 """Stiffness [m^2] that holds every free coordinate near its start: as much as one marker of weight 1 at 3 mm.
@@ -73,13 +76,15 @@ class Linearised(NamedTuple):
     Attributes:
         cost: Weighted sum of squares [m^2].
         descent: Half its negative gradient.
-        hessian: Half its second derivative, without that of the kinematics (Gauss-Newton).
+        information: Half its second derivative for straight paths of the markers (Gauss-Newton).
+        curvature: What the curvature of their paths adds to it.
         difference: Measured less model marker [m].
     """
 
     cost: float
     descent: Float[Array, " free"]
-    hessian: Float[Array, "free free"]
+    information: Float[Array, "free free"]
+    curvature: Float[Array, "free free"]
     difference: Float[Array, "marker 3"]
 
 
@@ -343,7 +348,7 @@ class Worker:
     def _fit(
         self, problem: Problem, points: Float[Array, "marker 3"], q: Variables, frame: int
     ) -> tuple[Variables, Float[Array, " marker"], Float[Array, " free"]]:
-        """One frame by Levenberg-Marquardt: damping grows only where a step is no gain.
+        """One frame by Newton steps, damped where a step is no gain (Levenberg-Marquardt).
 
         Returns:
             The pose, the distance of each marker [m], and the support of each free coordinate [m^2].
@@ -351,10 +356,10 @@ class Worker:
         seen = np.array(np.isfinite(points).all(axis=1))
         weights = np.where(seen, problem.weights, 0.0)
         targets = np.where(seen[:, None], points, 0.0)
-        damping = 1e-6
+        damping, unit = 1e-6, np.eye(len(problem.free))
         now = self._linearise(problem, targets, weights, q)
         for _ in range(MAX_STEPS):
-            step = np.linalg.solve(now.hessian + damping * np.eye(len(now.hessian)), now.descent)
+            step = _step(now, damping * unit)
             trial = q.copy()
             trial[problem.free] += step
             self._follow(trial)
@@ -366,7 +371,7 @@ class Worker:
                 damping *= 8.0
             if found:
                 distance = np.where(seen, np.linalg.norm(now.difference, axis=1), np.nan)
-                support = 1.0 / np.diag(np.linalg.inv(now.hessian)) - problem.stiffness
+                support = 1.0 / np.diag(np.linalg.inv(now.information)) - problem.stiffness
                 return q, distance, np.maximum(support, 0.0)
         raise SolverError(
             "the model cannot be brought onto the markers",
@@ -381,22 +386,54 @@ class Worker:
         weights: Float[Array, " marker"],
         q: Variables,
     ) -> Linearised:
-        """The fit's cost at a pose, with its (Gauss-Newton) second and its negative first derivative."""
+        """The fit's cost at a pose, with its derivatives."""
         self._set_pose(q)
         rotations, origins = self._frames(problem.carriers)
         arms = np.einsum("mij,mj->mi", rotations[problem.carrier], problem.locations)
         difference = targets - origins[problem.carrier] - arms
         turn, shift = np.moveaxis(self._jacobian()[problem.rows][..., problem.free], 1, 0)
         slopes = shift + np.cross(turn, arms[:, :, None], axis=1)
-        weighted = weights[:, None, None] * slopes
+        pull = weights[:, None] * difference
         flat = slopes.reshape(-1, slopes.shape[-1])
         away = (q - problem.rest)[problem.free]
         return Linearised(
-            cost=float(weights @ (difference**2).sum(axis=1) + problem.stiffness @ away**2),
-            descent=weighted.reshape(flat.shape).T @ difference.ravel() - problem.stiffness * away,
-            hessian=weighted.reshape(flat.shape).T @ flat + np.diag(problem.stiffness),
+            cost=float((pull * difference).sum() + problem.stiffness @ away**2),
+            descent=flat.T @ pull.ravel() - problem.stiffness * away,
+            information=(flat * np.repeat(weights, 3)[:, None]).T @ flat + np.diag(problem.stiffness),
+            curvature=_curvature(turn, slopes, pull),
             difference=difference,
         )
+
+
+def _step(at: Linearised, damping: Float[Array, "free free"]) -> Float[Array, " free"]:
+    """Newton's step where the cost is convex, Gauss-Newton's elsewhere; never longer than `LONGEST_STEP`."""
+    try:
+        factor = np.linalg.cholesky(at.information + at.curvature + damping)
+    except np.linalg.LinAlgError:
+        factor = np.linalg.cholesky(at.information + damping)
+    step = solve_triangular(factor.T, solve_triangular(factor, at.descent, lower=True))
+    return step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), LONGEST_STEP))
+
+
+def _curvature(
+    turn: Float[Array, "marker 3 free"], slopes: Float[Array, "marker 3 free"], pull: Float[Array, "marker 3"]
+) -> Float[Array, "free free"]:
+    """Half the second derivative of a fit's cost that stems from markers moving on arcs.
+
+    When coordinate i turns a body, it turns the slopes of all coordinates j further out: d2x / dq_i dq_j =
+    w_i x s_j. Coordinates come in the order of the multibody tree, inner ones first. Without this term the
+    steps overshoot wherever markers stay far from the model. Translations are not turned by their own
+    joint; those that splines couple to knee flexion are left out of the curvature.
+
+    Args:
+        turn: Angular velocity of each marker's body per unit speed.
+        slopes: Velocity of each marker per unit speed [m].
+        pull: Weight times measured less model marker [m].
+    """
+    turned = np.where(np.abs(turn).max(axis=1, keepdims=True) > 0.0, slopes, 0.0)
+    inner = np.einsum("mci,mcj->ij", turn, np.cross(turned, pull[:, :, None], axis=1))
+    upper = np.triu(inner)
+    return -(upper + np.triu(inner, 1).T)
 
 
 def _items(collection: Any) -> list[Any]:

@@ -68,6 +68,12 @@ def check_c3d(path: Path) -> C3DHeader:
             where=str(path),
             hint="copy or export the file again",
         )
+    if last == _MAX_COUNT_16 and len(content) - padded > (4 * points + values) * width:
+        raise InputError(
+            f"holds more than the {frames} frames that it can count",
+            where=str(path),
+            hint="export the recording in parts of less than 65536 frames",
+        )
     return C3DHeader(points, frames, per_frame, values, expected)
 
 
@@ -92,7 +98,7 @@ def _frames(first: int, last: int, parameters: dict[str, int], path: Path) -> in
     """Frames by the header, or by TRIAL:ACTUAL_* where sixteen bits do not hold them."""
     start, end = parameters.get("TRIAL:ACTUAL_START_FIELD"), parameters.get("TRIAL:ACTUAL_END_FIELD")
     frames = last - first + 1
-    if start is not None and end is not None and (last == _MAX_COUNT_16 or end > _MAX_COUNT_16):
+    if start is not None and end is not None and last == _MAX_COUNT_16 and end >= last:
         frames = end - start + 1
     if frames < 1:
         raise _contradiction(f"frames run from {first} to {last}", path)

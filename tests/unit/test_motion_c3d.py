@@ -128,6 +128,13 @@ def test_a_file_of_an_sgi_computer_is_refused_with_advice(small, tmp_path, reade
     assert "convert" in caught.value.hint
 
 
+def test_more_frames_than_the_header_can_count_are_refused(tmp_path):
+    positions = np.ones((66_000, 2, 3))
+    path = lab.write_c3d(tmp_path / "long.c3d", ("A", "B"), positions, per_frame=1)
+    with pytest.raises(InputError, match="holds more than the 65535 frames"):
+        check_c3d(path)
+
+
 def test_a_missing_file_and_a_text_file_are_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         read_c3d(tmp_path / "absent.c3d")

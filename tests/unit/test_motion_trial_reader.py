@@ -396,7 +396,7 @@ def test_recorded_trials_are_read_whole(shared_data, name):
         columns = [i for i, marker in enumerate(trial.marker_names) if marker in names]
         firm = vertical[:, k] > 0.2 * trial.mass_kg * GRAVITY
         middle = np.nanmean(trial.markers[firm][:, columns], axis=1)
-        assert np.linalg.norm(middle - trial.centre_of_pressure[firm, k], axis=1).max() < 0.24
+        assert np.linalg.norm(middle - trial.centre_of_pressure[firm, k], axis=1).max() < 0.27
 
 
 def test_the_knee_challenge_plates_go_to_the_feet_that_its_readme_names(shared_data):

@@ -17,7 +17,13 @@ SMALL = {
     "pattern": {"resolution_mm": 2.5, "min_strut_mm": 1.5},
 }
 
-RESULTS = ("optimize/optimize.npz", "solid/solid.npz", "solid/brace.stl", "solid/brace.ply", "solid/brace.glb")
+RESULTS = (
+    "optimize/optimize.npz",
+    "solid/solid.npz",
+    "solid/brace.stl",
+    "solid/brace.ply",
+    "solid/brace.glb",
+)
 
 
 def write_small_run(folder: Path, **changes: dict[str, object]) -> Path:

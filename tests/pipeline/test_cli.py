@@ -14,7 +14,13 @@ from hilbrace.cli import STAGES, main
 
 
 def test_help_has_an_example_for_every_command(capsys: pytest.CaptureFixture[str]):
-    for words in (["--help"], ["demo", "--help"], ["run", "--help"], ["show", "--help"], ["doctor", "--help"]):
+    for words in (
+        ["--help"],
+        ["demo", "--help"],
+        ["run", "--help"],
+        ["show", "--help"],
+        ["doctor", "--help"],
+    ):
         with pytest.raises(SystemExit) as stop:
             main(words)
         assert stop.value.code == 0
@@ -39,11 +45,17 @@ def test_help_imports_none_of_the_heavy_libraries():
         (["run", "none/run.toml"], 3, ["none/run.toml", "hilbrace demo"]),
         (["run", "{tmp}"], 3, ["run.toml"]),
         (["show", "{tmp}"], 2, ["no run in this folder"]),
-        (["demo", "--set", "domain.trianlges=900"], 3, ["domain.trianlges", "did you mean 'domain.triangles'?"]),
+        (
+            ["demo", "--set", "domain.trianlges=900"],
+            3,
+            ["domain.trianlges", "did you mean 'domain.triangles'?"],
+        ),
         (["demo", "--set", "triangles"], 3, ["--set section.key=value"]),
     ],
 )
-def test_errors_are_two_lines_with_a_mend(words, code, parts, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_errors_are_two_lines_with_a_mend(
+    words, code, parts, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     assert main([word.format(tmp=tmp_path) for word in words]) == code
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 2

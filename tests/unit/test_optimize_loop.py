@@ -1,0 +1,183 @@
+"""The design loop on a bending tube: exact gradients, interruption without a trace, a better brace."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from hilbrace.config import MaterialSettings, OptimizeSettings, PatternSettings
+from hilbrace.domain.domain import Domain
+from hilbrace.errors import SolverError
+from hilbrace.optimize import losses
+from hilbrace.optimize.build import optimize_design, uniform_design, write_history_csv
+from hilbrace.optimize.design import LOSSES, Design
+from hilbrace.optimize.evaluate import design_variable, evaluate
+from hilbrace.optimize.loop import adam, firmness, first_state, learning_rate
+from hilbrace.optimize.problem import Problem, build_problem, width_limits
+from hilbrace.run.records import pack
+from tests.unit.knee_tube import knee_domain, knee_loads
+
+MATERIAL = MaterialSettings()
+PATTERN = PatternSettings(rim_mm=10.0)
+
+
+@pytest.fixture(scope="module")
+def domain() -> Domain:
+    return knee_domain(knee_loads(), around=20, along=14)
+
+
+def _settings(**changes: object) -> OptimizeSettings:
+    return OptimizeSettings(**({"iterations": 12, "checkpoint_every": 3} | changes))
+
+
+@pytest.fixture(scope="module")
+def problem(domain: Domain) -> Problem:
+    return build_problem(knee_loads(), domain, _settings(), MATERIAL, PATTERN)
+
+
+@pytest.fixture(scope="module")
+def design(domain: Domain, tmp_path_factory: pytest.TempPathFactory) -> Design:
+    return _optimize(domain, tmp_path_factory.mktemp("design") / "checkpoint.npz", iterations=40)
+
+
+def _optimize(domain: Domain, checkpoint: Path, progress=lambda *_: None, **changes: object) -> Design:
+    settings = _settings(**changes)
+    design, _ = optimize_design(
+        knee_loads(), domain, settings, MATERIAL, PATTERN, checkpoint, key="task", progress=progress
+    )
+    return design
+
+
+def test_the_total_loss_has_the_gradient_of_finite_differences(problem: Problem):
+    state = first_state(problem, "")
+    firm = firmness(problem, state.firm)
+    generator = torch.Generator().manual_seed(5)
+    theta = torch.from_numpy(state.theta) + torch.randn((100, 100), generator=generator, dtype=torch.float64)
+    bias = torch.tensor(float(state.bias), dtype=torch.float64)
+    start = evaluate(problem, firm, theta, bias)
+    scale = losses.scales(start.stability, start.terms, len(problem.domain.seam_pairs))
+    weights = torch.tensor([0.5, 0.8, 0.6, 0.3, 0.02], dtype=torch.float64)
+
+    def total(at: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
+        evaluation = evaluate(problem, firm, at, level)
+        return (weights * losses.normalised(evaluation.stability, evaluation.terms, scale)).sum()
+
+    at, level = theta.clone().requires_grad_(), bias.clone().requires_grad_()
+    by_theta, by_bias = torch.autograd.grad(total(at, level), (at, level))
+    direction = torch.randn(theta.shape, generator=generator, dtype=torch.float64)
+    step = 1e-4
+    with torch.no_grad():
+        slope = (total(theta + step * direction, bias) - total(theta - step * direction, bias)) / (2 * step)
+        slope_bias = (total(theta, bias + step) - total(theta, bias - step)) / (2 * step)
+    assert float((by_theta * direction).sum()) == pytest.approx(float(slope), rel=1e-5)
+    assert float(by_bias) == pytest.approx(float(slope_bias), rel=1e-5)
+
+
+def test_the_first_field_has_the_target_volume(problem: Problem):
+    state = first_state(problem, "")
+    evaluation = evaluate(
+        problem, firmness(problem, state.firm), torch.from_numpy(state.theta), torch.from_numpy(state.bias)
+    )
+    fraction = float((evaluation.material.volume * problem.areas).sum() / problem.areas.sum())
+    assert fraction == pytest.approx(problem.settings.volume_fraction, abs=1e-9)
+
+
+def test_the_field_stays_in_the_range_that_can_be_cast(problem: Problem):
+    state = first_state(problem, "")
+    firm = firmness(problem, state.firm)
+    low, high = width_limits(problem, problem.triangles, firm.triangles)
+    for level in (-50.0, 50.0):
+        bias = torch.tensor(level, dtype=torch.float64)
+        d = design_variable(problem, problem.triangles, firm.triangles, torch.from_numpy(state.theta), bias)
+        assert bool((d >= low - 1e-12).all() and (d <= high + 1e-12).all())
+
+
+@pytest.mark.parametrize("stop", [1, 4, 7])
+def test_an_interrupted_loop_ends_in_the_same_bytes(domain: Domain, tmp_path: Path, stop: int):
+    whole = _optimize(domain, tmp_path / "whole.npz")
+
+    def interrupt(done: int, _: int) -> None:
+        if done == stop:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        _optimize(domain, tmp_path / "checkpoint.npz", progress=interrupt)
+    assert pack(_optimize(domain, tmp_path / "checkpoint.npz")) == pack(whole)
+
+
+def test_a_checkpoint_of_another_task_or_a_broken_one_is_not_used(domain: Domain, tmp_path: Path):
+    checkpoint = tmp_path / "checkpoint.npz"
+    whole = pack(_optimize(domain, tmp_path / "whole.npz", iterations=6))
+    _optimize(domain, checkpoint, iterations=3, seed=4)
+    assert pack(_optimize(domain, tmp_path / "seed.npz", iterations=6, seed=4)) != whole
+    checkpoint.write_bytes(checkpoint.read_bytes()[:100])
+    assert pack(_optimize(domain, checkpoint, iterations=6)) == whole
+
+
+def test_losses_fall_and_the_brace_beats_the_uniform_one(design: Design):
+    assert design.history.shape == (41, len(LOSSES) + 1)
+    assert design.history[-1, -1] < 0.9 * design.history[0, -1]
+    sagittal, frontal = design.stiffness[0], design.stiffness[1]
+    assert frontal > design.stiffness_uniform[1]
+    assert frontal / sagittal > 1.2 * design.stiffness_uniform[1] / design.stiffness_uniform[0]
+    assert design.volume_fraction == pytest.approx(design.volume_fraction_uniform, abs=1e-9)
+
+
+def test_reactions_balance_the_load(design: Design, problem: Problem):
+    carried = problem.load.forces.numpy()
+    np.testing.assert_allclose(design.reaction_upper + design.reaction_lower, -carried, atol=1e-7)
+
+
+def test_the_uniform_design_is_uniform_outside_the_rims(problem: Problem, design: Design):
+    from hilbrace.optimize.evaluate import Material
+
+    wanted = Material(*(torch.from_numpy(np.array(v)) for v in (
+        design.d_triangle, design.youngs_modulus, design.volume_fraction_triangle
+    )))  # fmt: skip
+    uniform = uniform_design(problem, wanted)
+    inside = ~problem.rim
+    assert float(uniform.volume[inside].std()) < 1e-12
+    assert float(uniform.volume[problem.rim].min()) == 1.0
+
+
+def test_the_history_is_a_table_that_opens_anywhere(design: Design, tmp_path: Path):
+    write_history_csv(design, tmp_path / "history.csv")
+    rows = (tmp_path / "history.csv").read_text().splitlines()
+    assert rows[0].split(",") == [
+        "iteration",
+        *(f"L{i + 1}_{name}" for i, name in enumerate(LOSSES)),
+        "total",
+    ]
+    assert len(rows) == len(design.history) + 1
+
+
+def test_a_loss_that_is_not_finite_stops_the_loop(domain: Domain, tmp_path: Path):
+    loads = knee_loads()
+    loads.angles[10:, :, 1] = np.nan
+    with pytest.raises(SolverError, match="not finite"):
+        optimize_design(loads, domain, _settings(), MATERIAL, PATTERN, tmp_path / "checkpoint.npz")
+
+
+def test_adam_is_torchs_adam():
+    generator = np.random.default_rng(0)
+    ours = generator.random(5)
+    theirs = torch.from_numpy(ours.copy()).requires_grad_()
+    optimizer = torch.optim.Adam([theirs], lr=0.05)
+    momentum = np.zeros((2, 5))
+    for count in range(1, 20):
+        gradient = generator.standard_normal(5)
+        ours, momentum = adam(ours, gradient, momentum, count, 0.05)
+        theirs.grad = torch.from_numpy(gradient)
+        optimizer.step()
+        np.testing.assert_allclose(ours, theirs.detach().numpy(), rtol=1e-12)
+
+
+def test_the_step_falls_from_the_full_one_to_a_tenth():
+    rates = [learning_rate(0.3, iteration, 50) for iteration in range(50)]
+    assert rates[0] == pytest.approx(0.3)
+    assert rates[-1] == pytest.approx(0.03)
+    assert all(a >= b for a, b in pairwise(rates))

@@ -68,7 +68,8 @@ def check_c3d(path: Path) -> C3DHeader:
             where=str(path),
             hint="copy or export the file again",
         )
-    if last == _MAX_COUNT_16 and len(content) - padded > (4 * points + values) * width:
+    unread = len(content) - padded > 2 * BLOCK + (4 * points + values) * width
+    if last == _MAX_COUNT_16 and (unread or parameters.get("TRIAL:ACTUAL_END_FIELD", 0) > last):
         raise InputError(
             f"holds more than the {frames} frames that it can count",
             where=str(path),
@@ -95,11 +96,8 @@ def _negative_scale(content: bytes) -> bool:
 
 
 def _frames(first: int, last: int, parameters: dict[str, int], path: Path) -> int:
-    """Frames by the header, or by TRIAL:ACTUAL_* where sixteen bits do not hold them."""
-    start, end = parameters.get("TRIAL:ACTUAL_START_FIELD"), parameters.get("TRIAL:ACTUAL_END_FIELD")
+    """Frames by the header, which sixteen bits have to hold (ezc3d reads no more either)."""
     frames = last - first + 1
-    if start is not None and end is not None and last == _MAX_COUNT_16 and end >= last:
-        frames = end - start + 1
     if frames < 1:
         raise _contradiction(f"frames run from {first} to {last}", path)
     _same("frames", frames & _MAX_COUNT_16, parameters.get("POINT:FRAMES"), path)

@@ -18,8 +18,16 @@ TOLERANCE = 0.03
 GOOD_ANGLE_DEG = 20.0
 """Smallest angle that a mesh should have [deg]."""
 
-_ATTEMPTS = 10
-_HAUSDORFF_MM = 5.0
+_ATTEMPTS = 12
+
+_GOLDEN = 0.6180339887
+"""Spreads the further attempts evenly over nearby edge lengths (golden section)."""
+
+_HAUSDORFF = 0.4
+"""How far Mmg may leave the surface, in edges: less costs angles, more loses the shape [-]."""
+
+_FIRST_GUESS = 0.97
+"""Mmg's mean edge over the wanted size, so that the first mesh is near the wanted count [-]."""
 
 
 @dataclass(frozen=True)
@@ -75,30 +83,33 @@ def remesh(region: Surface, triangles: int) -> Surface:
     Raises:
         GeometryError: The wanted number cannot be met.
     """
-    size = edge_for(surface_area(region), triangles)
+    size = _FIRST_GUESS * edge_for(surface_area(region), triangles)
     best: Surface | None = None
     best_angle = -1.0
     for attempt in range(_ATTEMPTS):
-        mesh = _mmg(region, size)
+        other = 0.0 if best is None else (attempt * _GOLDEN) % 1.0 - 0.5
+        mesh = _mmg(region, size * (1.0 + TOLERANCE * other))
         error = len(mesh.triangles) / triangles - 1.0
         angle = mesh_quality(mesh).min_angle_deg
         if abs(error) <= TOLERANCE and angle > best_angle:
             best, best_angle = mesh, angle
         if best_angle >= GOOD_ANGLE_DEG:
             break
-        # Half a percent of jitter tries other meshes once the count is right.
-        size *= np.sqrt(1.0 + error) if abs(error) > TOLERANCE else 1.0 + 0.005 * (-1.0) ** attempt
+        if best is None:
+            # Shorter and shorter steps: over regular meshes the count answers far more than squared.
+            size *= float((1.0 + error) ** (1.0 / (2.0 + attempt)))
     if best is None:
         raise GeometryError(
             f"no mesh of {triangles} triangles was found for {surface_area(region) / 100:.0f} cm^2 of skin",
             where="domain.triangles",
-            hint="ask for more triangles",
+            hint="ask for some triangles more or less",
         )
     return best
 
 
 def _mmg(region: Surface, size: float) -> Surface:
+    """One run of Mmg at one edge length; no crease inside is taken for a ridge."""
     mesh = mmgpy.MmgMeshS(np.ascontiguousarray(region.vertices), region.triangles.astype(np.int32))
-    mesh.remesh(hsiz=float(size), hausd=_HAUSDORFF_MM, ar=180.0, verbose=-1)
+    mesh.remesh(hsiz=float(size), hausd=_HAUSDORFF * float(size), ar=180.0, verbose=-1)
     triangles = np.array(mesh.get_triangles(), np.int64)
     return Surface(np.array(mesh.get_vertices(), float), triangles)

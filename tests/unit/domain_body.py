@@ -163,10 +163,10 @@ def mirrored_body(body: Body) -> Body:
     )
 
 
-def sleeve(radius_low, radius_high, height, around=24, along=12):
+def sleeve(radius_low, radius_high, height, around=24, along=12, uneven=0.0):
     """A prism or a pyramid's frustum about the y axis, welded, outward: a developable surface."""
     turn, level = np.meshgrid(np.arange(around), np.arange(along + 1), indexing="ij")
-    angle = 2.0 * np.pi * turn / around
+    angle = 2.0 * np.pi * (turn + uneven * np.sin(3.0 * level + turn)) / around
     share = level / along
     radius = radius_low + share * (radius_high - radius_low)
     points = np.stack([radius * np.cos(angle), share * height, radius * np.sin(angle)], axis=-1)

@@ -1,0 +1,1 @@
+"""Biomechanics: from markers and ground reactions to joint angles and net loads."""

@@ -22,14 +22,18 @@ from hilbrace.biomech.model_figures import ModelFigures
 from hilbrace.body.body import Body
 from hilbrace.config import BiomechSettings, MotionSettings
 from hilbrace.errors import InputError
-from hilbrace.motion.filters import lowpass
+from hilbrace.motion.filters import gap_free_runs, lowpass
 from hilbrace.motion.marker_maps import MarkerMap
 from hilbrace.motion.trial import Trial
 from hilbrace.run.progress import silent
+from hilbrace.units import GRAVITY
 
 Array = np.ndarray
 
 SIDE = {"r": "right", "l": "left"}
+UNMEASURED_BW = 0.5
+UNMEASURED_S = 0.15
+"""A vertical pelvis residual above this [body weights] for this long [s] is a support without a plate."""
 MASS_MISMATCH = 0.15
 """Difference between a user's model and the subject above which the model counts as unscaled [-]."""
 
@@ -177,6 +181,7 @@ def _loads(
     segments = dynamics.momenta(
         model.rotations, model.origins, figures.masses, figures.centres, figures.inertias, trial.rate_hz
     )
+    residual = segments.force.sum(axis=1) - trial.ground_force.sum(axis=1)
     shape = (len(trial.time), len(JOINTS), 3)
     angles, force, moment = np.zeros(shape), np.empty(shape), np.empty(shape)
     axes, inertia, rotation = np.empty((*shape, 3)), np.empty((*shape, 3)), np.empty((*shape, 3))
@@ -212,9 +217,20 @@ def _loads(
         marker_names=fitted.marker_names,
         marker_error=fitted.marker_error,
         cutoff_hz=cutoff_hz,
-        pelvis_residual_force=segments.force.sum(axis=1) - trial.ground_force.sum(axis=1),
-        notes=(*said, *fitted.notes),
+        pelvis_residual_force=residual,
+        notes=(*said, *fitted.notes, *_unmeasured_support(trial, residual)),
     )
+
+
+def _unmeasured_support(trial: Trial, residual: Float[Array, "frame 3"]) -> list[str]:
+    """Say when the subject stood on, or held, something without a force plate (a box before a drop jump)."""
+    lifted = residual[:, 1] > UNMEASURED_BW * trial.mass_kg * GRAVITY
+    return [
+        f"{trial.time[run.start]:.2f} to {trial.time[run.stop - 1]:.2f} s: something that no force plate "
+        "measures carries the subject; forces at knees and ankles are those of hanging legs"
+        for run in gap_free_runs(np.where(lifted, 0.0, np.nan))
+        if run.stop - run.start > UNMEASURED_S * trial.rate_hz
+    ]
 
 
 def _ground_reaction(trial: Trial, foot: str) -> GroundReaction:

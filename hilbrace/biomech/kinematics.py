@@ -144,20 +144,18 @@ def follow(
         SolverError: The fit does not converge.
     """
     seen = np.isfinite(trial.markers).all(axis=2)
-    present = [
-        name for name, any_frame in zip(trial.marker_names, seen.any(axis=0), strict=True) if any_frame
-    ]
+    present = [name for k, name in enumerate(trial.marker_names) if seen[:, k].any()]
     tracked = markers.of(present)
     check_segments(tracked, present, f"motion '{trial.name}'")
     measured = trial.markers[:, [trial.marker_names.index(name) for name in tracked.names]]
-    first = np.asarray(np.isfinite(measured[0]).all(axis=1))
-    if first.sum() < FOOT_MARKERS:
+    first = np.flatnonzero(np.isfinite(measured[0]).all(axis=1))
+    if len(first) < 3:
         raise InputError(
             "the first frame shows fewer than three markers",
             where=f"motion '{trial.name}', frame 1",
             hint="start later with motion.window",
         )
-    visible = tracked.of([n for n, there in zip(tracked.names, first.tolist(), strict=True) if there])
+    visible = tracked.of(tracked.names[k] for k in first)
     fitted = engine.call(
         "inverse_kinematics",
         progress=progress,

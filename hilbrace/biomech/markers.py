@@ -129,10 +129,10 @@ def landmarks_on_model(marker_map: MarkerMap, figures: ModelFigures) -> PlacedMa
 
 
 def markers_of_model(figures: ModelFigures) -> PlacedMarkers:
-    """All markers that a user's model brings."""
+    """All markers that a user's model brings, with weight 1, as OpenSim's own tool takes them."""
     names, bodies = tuple(figures.marker_bodies), tuple(figures.marker_bodies.values())
     locations = np.array([figures.marker_locations[name] for name in names]).reshape(-1, 3)
-    return PlacedMarkers(names, bodies, locations, np.array([weight_of(body) for body in bodies]))
+    return PlacedMarkers(names, bodies, locations, np.ones(len(names)))
 
 
 def check_segments(

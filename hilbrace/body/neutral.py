@@ -1,0 +1,156 @@
+"""From the body model's A-pose to the skeleton's neutral pose, joint centres on joint centres.
+
+First each limb segment is stretched along itself to the skeleton's length (blended linearly, nothing turns),
+then each is carried rigidly to its place (blended as dual quaternions), so that girths stay as they were.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from hilbrace.body.segments import BONES, JOINTS, SEGMENTS, SIDES
+from hilbrace.body.skinning import skin
+
+Array = np.ndarray
+Joints = dict[str, Float[Array, " 3"]]
+
+
+@dataclass(frozen=True)
+class Placement:
+    """What brings a body in the A-pose onto a skeleton.
+
+    Attributes:
+        start: Fixed point of each bone's stretch in the A-pose [m], in the order of `BONES`.
+        stretch: Matrix of the stretch.
+        shift: Where the fixed point goes [m].
+        rotation: Rotation into the neutral pose.
+        translation: Translation after it [m].
+    """
+
+    start: Float[Array, "bone 3"]
+    stretch: Float[Array, "bone 3 3"]
+    shift: Float[Array, "bone 3"]
+    rotation: Float[Array, "bone 3 3"]
+    translation: Float[Array, "bone 3"]
+
+    def apply(
+        self, vertices: Float[Array, "vertex 3"], weights: Float[Array, "vertex bone"]
+    ) -> Float[Array, "vertex 3"]:
+        """The skin in the neutral pose [m].
+
+        Args:
+            vertices: Skin in the A-pose [m].
+            weights: Weights in the order of `BONES`.
+        """
+        moved = np.einsum("bij,vbj->vbi", self.stretch, vertices[:, None] - self.start) + self.shift
+        stretched = np.einsum("vb,vbi->vi", weights, moved)
+        return skin(stretched, weights, self.rotation[None], self.translation[None])[0]
+
+
+def place(own: Joints, target: Joints) -> Placement:
+    """Find the placement of a body with given joint centres.
+
+    Args:
+        own: Joint centres of the body model in the A-pose [m], fingers included (see `model_joints`).
+        target: Joint centres of the skeleton in its neutral pose [m].
+    """
+    count = len(BONES)
+    start, shift = np.zeros((count, 3)), np.zeros((count, 3))
+    stretch, rotation = np.tile(np.eye(3), (count, 1, 1)), np.tile(np.eye(3), (count, 1, 1))
+    translation = np.tile(_pelvis_shift(own, target), (count, 1))
+    for side in SIDES:
+        chain = dict(own)
+        turns = _limb_rotations(own, target, side)
+        for segment in SEGMENTS:
+            begin, end = f"{segment.start}_{side}", f"{segment.end}_{side}"
+            axis, length = _split(own[end] - own[begin])
+            ratio = _split(target[end] - target[begin])[1] / length
+            chain[end] = chain[begin] + ratio * (own[end] - own[begin])
+            for bone in segment.bones:
+                row = BONES.index(f"{bone}_{side}")
+                stretch[row] += (ratio - 1.0) * np.outer(axis, axis)
+                start[row], shift[row] = own[begin], chain[begin]
+                rotation[row] = turns[bone]
+                translation[row] = target[begin] - turns[bone] @ chain[begin]
+        for bone, joint in (("calcn", "ankle"), ("toes", "ankle"), ("hand", "wrist")):
+            row, name = BONES.index(f"{bone}_{side}"), f"{joint}_{side}"
+            start[row], shift[row] = own[name], chain[name]
+            rotation[row] = turns[bone]
+            translation[row] = target[name] - turns[bone] @ chain[name]
+    return Placement(start, stretch, shift, rotation, translation)
+
+
+def joint_distances(own: Joints, target: Joints) -> Float[Array, " joint"]:
+    """How far the body model's hips, knees and ankles are from the skeleton's in the neutral pose [m].
+
+    The body model's legs are straightened with their own lengths, the middle of its hips on the
+    skeleton's; in the order of `JOINTS`.
+    """
+    shift = _pelvis_shift(own, target)
+    placed: Joints = {}
+    for side in SIDES:
+        hip, knee, ankle = (f"{joint}_{side}" for joint in ("hip", "knee", "ankle"))
+        placed[hip] = own[hip] + shift
+        for begin, end in ((hip, knee), (knee, ankle)):
+            direction = _split(target[end] - target[begin])[0]
+            placed[end] = placed[begin] + _split(own[end] - own[begin])[1] * direction
+    return np.array([np.linalg.norm(placed[name] - target[name]) for name in JOINTS])
+
+
+def _pelvis_shift(own: Joints, target: Joints) -> Float[Array, " 3"]:
+    return (target["hip_r"] + target["hip_l"] - own["hip_r"] - own["hip_l"]) / 2.0
+
+
+def _limb_rotations(own: Joints, target: Joints, side: str) -> dict[str, Float[Array, "3 3"]]:
+    """Rotation of each limb bone of one side from the A-pose to the neutral pose.
+
+    Legs turn the shortest way; feet stay as they are, flat and forward. The plane of upper arm and forearm
+    becomes the sagittal plane, and the forearm turns until the palm looks forward (the skeleton's zero).
+    """
+    o = {name: own[f"{name}_{side}"] for name in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")}
+    t = {name: target[f"{name}_{side}"] for name in o}
+    lateral = np.array([0.0, 0.0, 1.0 if side == "r" else -1.0])
+    bend = np.cross(o["elbow"] - o["shoulder"], o["wrist"] - o["elbow"])
+    flexion = np.array([0.0, 0.0, 1.0])
+    forearm = _turn(o["wrist"] - o["elbow"], bend, t["wrist"] - t["elbow"], flexion)
+    knuckles = own[f"index_{side}"] - own[f"little_{side}"]
+    hand = _turn(o["wrist"] - o["elbow"], knuckles, t["wrist"] - t["elbow"], lateral)
+    return {
+        "femur": _shortest(o["knee"] - o["hip"], t["knee"] - t["hip"]),
+        "tibia": _shortest(o["ankle"] - o["knee"], t["ankle"] - t["knee"]),
+        "calcn": np.eye(3),
+        "toes": np.eye(3),
+        "humerus": _turn(o["elbow"] - o["shoulder"], bend, t["elbow"] - t["shoulder"], flexion),
+        "ulna": forearm,
+        "radius": hand,
+        "hand": hand,
+    }
+
+
+def _split(vector: Float[Array, " 3"]) -> tuple[Float[Array, " 3"], float]:
+    length = float(np.linalg.norm(vector))
+    return vector / length, length
+
+
+def _shortest(source: Float[Array, " 3"], goal: Float[Array, " 3"]) -> Float[Array, "3 3"]:
+    """Shortest rotation that takes one direction to another, not opposite, one."""
+    a, b = _split(source)[0], _split(goal)[0]
+    x, y, z = np.cross(a, b)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + cross + cross @ cross / (1.0 + a @ b)
+
+
+def _turn(
+    source: Float[Array, " 3"], source_side: Array, goal: Float[Array, " 3"], goal_side: Array
+) -> Float[Array, "3 3"]:
+    """Rotation that takes one direction to another, and a second one as near to its goal as that allows."""
+    return _frame(goal, goal_side) @ _frame(source, source_side).T
+
+
+def _frame(first: Float[Array, " 3"], second: Float[Array, " 3"]) -> Float[Array, "3 3"]:
+    along = _split(first)[0]
+    across = _split(second - (second @ along) * along)[0]
+    return np.column_stack([along, across, np.cross(along, across)])

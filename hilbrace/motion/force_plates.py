@@ -25,6 +25,7 @@ DRIFT_N = 100.0
 """Largest force that a plate may show without a foot on it [N]."""
 
 _AXES = "xyz"
+_TINY_N = 1e-9
 _FARTHEST_POINT_M = 100.0
 _LONGEST_LEVER_M = 3.0
 
@@ -83,7 +84,7 @@ def unload(plates: PlateForces, threshold_n: float) -> PlateForces:
         InputError: A force is NaN, or a point or torque is NaN under load.
     """
     _refuse_nan(plates, plates.force, np.ones(plates.force.shape[:2], bool), "force")
-    loaded = plates.force[:, :, UP] >= threshold_n
+    loaded = plates.force[:, :, UP] >= max(threshold_n, _TINY_N)
     _refuse_nan(plates, plates.point, loaded, "centre of pressure")
     _refuse_nan(plates, plates.torque, loaded, "torque")
     keep = loaded[:, :, None]
@@ -192,7 +193,7 @@ def _reduce(
     wrench: Float[Array, "frame 7"], threshold_n: float
 ) -> tuple[Float[Array, "frame 3"], Float[Array, "frame 3"], Float[Array, "frame 3"]]:
     """Force, centre of pressure and free torque of a wrench about the origin."""
-    loaded = wrench[:, UP] >= max(threshold_n, 1e-9)
+    loaded = wrench[:, UP] >= max(threshold_n, _TINY_N)
     force = np.where(loaded[:, None], wrench[:, :3], 0.0)
     moment = np.where(loaded[:, None], wrench[:, 3:6], 0.0)
     vertical = np.where(loaded, wrench[:, UP], 1.0)

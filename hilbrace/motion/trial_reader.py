@@ -78,6 +78,7 @@ def read_trial(motion: MotionSettings, subject: SubjectSettings) -> Trial:
     pose = _pose(recording, standing, known, motion)
     plates = unload(recording.plates, motion.force_threshold_n)
     mass = subject_mass(subject.mass_kg, pose.vertical_n, str(motion.static or motion.markers))
+    mass_note = () if subject.mass_kg else (f"The mass, {mass:.1f} kg, was weighed while standing.",)
     check_weight(total_vertical(plates), mass, plates.source)
     forces, foot_notes = _feet(table, plates, known, motion)
     return Trial(
@@ -96,7 +97,7 @@ def read_trial(motion: MotionSettings, subject: SubjectSettings) -> Trial:
         mass_kg=round(mass, 3),
         height_m=subject_height(subject.height_m, known, pose.names, pose.positions),
         marker_map=motion.marker_map,
-        notes=(*recording.notes, *notes, *pose.notes, *cut_notes, *foot_notes),
+        notes=(*recording.notes, *notes, *pose.notes, *cut_notes, *foot_notes, *mass_note),
     )
 
 
@@ -124,6 +125,7 @@ def _measured(
         if name in known.known() and np.isnan(recording.markers.positions[:, k]).all()
     ]
     notes += [f"{name} is never visible in the motion: left out." for name in hidden]
+    notes += standing.notes if standing else ()
     kept = tuple(name for name in known.known() if name not in hidden)
     recording = replace(recording, markers=keep_markers(recording.markers, kept))
     if standing is not None:

@@ -99,6 +99,11 @@ def test_a_point_that_is_nan_while_unloaded_does_no_harm():
     assert not found.force[:50].any()
 
 
+def test_a_threshold_of_zero_still_calls_an_empty_plate_unloaded():
+    load = plates([[0, 0.0, 0]], [[np.nan, np.nan, np.nan]])
+    assert not unload(load, 0.0).point.any()
+
+
 @pytest.mark.parametrize("part", ["point", "torque", "force"])
 def test_nan_under_load_is_refused_with_its_sample(part):
     load = plates([[0, 700.0, 0]], [[0.1, 0, 0.1]])

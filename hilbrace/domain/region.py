@@ -106,7 +106,7 @@ def _refine(surface: Surface, edge_mm: float) -> Surface:
     times = min(int(np.ceil(np.log2(ratio))), 3)
     _check_manifold(surface)
     vertices, triangles = igl.loop(np.ascontiguousarray(surface.vertices), surface.triangles, times)
-    return Surface(np.asarray(vertices), np.asarray(triangles))
+    return Surface(np.asarray(vertices), np.asarray(triangles, np.int64))
 
 
 def _around_joint(surface: Surface) -> Surface:

@@ -106,7 +106,7 @@ def cut_along(surface: Surface, path: Int[Array, " path"]) -> Cut:
     on_path = np.isin(triangles, path)
     flags = np.zeros(triangles.shape, bool)
     left_of, right_of = {}, {}
-    for face, corner in np.argwhere(on_path & np.roll(on_path, -1, axis=1)):
+    for face, corner in np.argwhere(on_path & np.roll(on_path, -1, axis=1)).tolist():
         tail, head = int(triangles[face, corner]), int(triangles[face, (corner + 1) % 3])
         if (tail, head) in step:
             left_of[tail, head] = face, corner

@@ -114,11 +114,11 @@ def _page(
         joint_text=f"{config.domain.side} {config.domain.joint}",
         synthetic=motion["origin"] == "synthetic",
         motion=motion["name"],
-        mass=motion["subject_mass_kg"],
+        mass=f"{motion['subject_mass_kg']:.1f}",
         version=__version__,
         cards=_cards(metrics),
-        cutoff=biomech["cutoff_hz"],
-        marker_rms=biomech["marker_rms_mm"],
+        cutoff=f"{biomech['cutoff_hz']:g}",
+        marker_rms=f"{biomech['marker_rms_mm']:.1f}",
         volume=f"{100 * brace['volume_fraction']:.1f} %",
         passive=config.optimize.passive_frontal_nm_per_deg,
         stiffness_rows=_stiffness_rows(brace),
@@ -164,8 +164,8 @@ def _figure_rows(metrics: dict[str, dict[str, Any]]) -> list[tuple[str, str]]:
         ("biomech", "muscles"), ("biomech", "marker_rms_mm"), ("biomech", "pelvis_residual_rms_n"),
         ("body", "height_m"), ("domain", "triangles"), ("domain", "quasi_conformal_mean"),
         ("optimize", "iterations"), ("optimize", "seconds_per_iteration"), ("brace", "volume_fraction"),
-        ("pattern", "area_fraction"), ("solid", "volume_ml"), ("solid", "volume_error"), ("solid", "triangles"),
-        ("solid", "genus"), ("solid", "manifold_status"), ("solid", "thickness_p01_mm"),
+        ("pattern", "area_fraction"), ("solid", "volume_ml"), ("solid", "volume_error"),
+        ("solid", "triangles"), ("solid", "genus"), ("solid", "manifold_status"), ("solid", "thickness_p01_mm"),
     )  # fmt: skip
     return [
         (f"{group}.{key}", str(metrics[group][key])) for group, key in wanted if key in metrics.get(group, {})

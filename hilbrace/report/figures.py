@@ -7,7 +7,7 @@ import matplotlib
 matplotlib.use("Agg")
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -21,7 +21,7 @@ from hilbrace.domain.domain import Domain
 from hilbrace.motion.trial import Trial
 from hilbrace.optimize.design import Design
 from hilbrace.pattern.pattern import Solid
-from hilbrace.report.paint import BACK, FRONT, LEFT, RIGHT, SKIN, paint
+from hilbrace.report.paint import BACK, FRONT, LEFT, RIGHT, SKIN, paint, screen_axes
 from hilbrace.units import GRAVITY, MM_PER_M
 
 Array = np.ndarray
@@ -36,7 +36,7 @@ FIELD = "viridis"
 
 def key_frames(trial: Trial, body: Body, loads: JointLoads, joint: str) -> Figure:
     """The body at the motion's key frames, with the ground's force on each foot."""
-    frames = key_instants(trial, loads, joint)
+    frames = key_instants(loads, joint)
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     axes = figure.add_subplot()
     skin = posed_skin(body, loads.coordinate_names, loads.coordinates[frames])
@@ -55,22 +55,26 @@ def key_frames(trial: Trial, body: Body, loads: JointLoads, joint: str) -> Figur
     return figure
 
 
-def key_instants(trial: Trial, loads: JointLoads, joint: str, count: int = 5) -> list[int]:
-    """Frames that tell the motion: the ends, peak flexion, peak acting force, and the widest gap halved."""
-    index = loads.joints.index(joint)
+def key_instants(loads: JointLoads, joint: str, count: int = 5) -> list[int]:
+    """Frames that tell the motion: peak acting force, peak flexion, the ends, and the widest gaps halved."""
+    index, last = loads.joints.index(joint), len(loads.time) - 1
     force = np.linalg.norm(loads.acting_force[:, index], axis=1)
-    frames = {0, len(loads.time) - 1, int(np.argmax(loads.angles[:, index, 0])), int(np.argmax(force))}
-    while len(frames) < min(count, len(loads.time)):
-        ordered = sorted(frames)
+    wanted = [int(np.argmax(force)), int(np.argmax(loads.angles[:, index, 0])), 0, last]
+    frames: list[int] = []
+    for frame in wanted:
+        if all(abs(frame - kept) > 0.08 * last for kept in frames):
+            frames.append(frame)
+    while len(frames) < min(count, last + 1):
+        ordered = sorted({0, last, *frames})
         gaps = np.diff(ordered)
         widest = int(np.argmax(gaps))
-        frames.add(ordered[widest] + max(1, int(gaps[widest]) // 2))
-    return sorted(frames)
+        frames.append(ordered[widest] + max(1, int(gaps[widest]) // 2))
+    return sorted(set(frames))
 
 
 def ground_reactions(trial: Trial) -> Figure:
     """Vertical ground reaction of each foot in body weights."""
-    figure, axes = _plot("ground reaction, vertical [body weights]")
+    figure, axes = _plot("vertical ground reaction [BW]")
     weight = trial.mass_kg * GRAVITY
     for foot, name in enumerate(trial.feet):
         axes.plot(trial.time, trial.ground_force[:, foot, 1] / weight, color=SERIES[foot], label=name)
@@ -90,7 +94,7 @@ def joint_angles(loads: JointLoads, joint: str) -> Figure:
 
 def acting_force(loads: JointLoads, joint: str) -> Figure:
     """The acting force across the joint in body weights, in the frame of the distal segment."""
-    figure, axes = _plot("acting force [body weights]")
+    figure, axes = _plot("acting force [BW]")
     force = loads.acting_force[:, loads.joints.index(joint)] / (loads.body_mass_kg * GRAVITY)
     for column, name in enumerate(("anterior", "proximal", "to the right")):
         axes.plot(loads.time, force[:, column], color=SERIES[column], label=name)
@@ -102,7 +106,7 @@ def acting_force(loads: JointLoads, joint: str) -> Figure:
 def field_on_leg(domain: Domain, design: Design) -> Figure:
     """The design variable on the brace's surface from four sides."""
     norm = Normalize(0.0, 1.0)
-    colours = colormaps[FIELD](norm(np.where(design.rim, 1.0, design.d_triangle)))[:, :3]
+    colours = colormaps[FIELD](norm(design.d_triangle))[:, :3]
     figure = _four_sides(domain.vertices, domain.triangles, colours, domain.joint)
     bar = figure.colorbar(ScalarMappable(norm, FIELD), ax=figure.axes, shrink=0.8, pad=0.01)
     bar.set_label("design variable d [-]")
@@ -178,24 +182,28 @@ def solid(brace: Solid, joint: str) -> Figure:
 
 
 def brace_on_body(brace: Solid, body: Body, joint: str) -> Figure:
-    """The solid on the standing body, the whole figure and the braced knee."""
+    """The solid on the standing body, the whole figure and the braced knee from front and back."""
     figure = Figure(figsize=(8.6, 4.6), layout="constrained")
     centre = body.joint_centres[body.joint_names.index(joint)]
-    placed = brace.vertices / MM_PER_M + centre
-    vertices = np.concatenate([body.vertices, placed])
-    triangles = np.concatenate([body.triangles, brace.triangles + len(body.vertices)])
-    colours = np.concatenate(
-        [np.broadcast_to(SKIN, (len(body.triangles), 3)), np.broadcast_to(BRACE, (len(brace.triangles), 3))]
-    )
+    skin = (body.vertices - centre) * MM_PER_M
     outer = 0.8 if joint.endswith("_r") else -0.8
-    for place, (towards, reach) in enumerate(
-        (((0.8, 0.1, outer), None), ((0.8, 0.1, outer), 0.33), ((-0.9, 0.1, outer), 0.33))
-    ):
+    front, back = (0.8, 0.1, outer), (-0.9, 0.1, outer)
+    for place, (towards, reach) in enumerate(((front, None), (front, 330.0), (back, 330.0))):
         axes = figure.add_subplot(1, 3, place + 1)
-        paint(axes, vertices - centre, triangles, colours, towards)
+        paint(axes, skin, body.triangles, SKIN, towards)
+        paint(axes, brace.vertices, brace.triangles[_near_side(brace, towards)], BRACE, towards)
         if reach is not None:
-            axes.set(xlim=(-reach * 0.7, reach * 0.7), ylim=(-reach, reach))
+            axes.set(xlim=(-0.7 * reach, 0.7 * reach), ylim=(-reach, reach))
     return figure
+
+
+def _near_side(brace: Solid, towards: tuple[float, float, float]) -> Bool[Array, " triangle"]:
+    """Triangles on the camera's side of the limb; the leg hides the others."""
+    middle = brace.vertices[brace.triangles].mean(axis=1)
+    level = np.clip(((middle[:, 1] - middle[:, 1].min()) / 20.0).astype(int), 0, None)
+    count = np.bincount(level).clip(1)
+    axis = np.stack([np.bincount(level, middle[:, k]) / count for k in range(3)], axis=1)
+    return (middle - axis[level]) @ screen_axes(towards)[2] > 0.0
 
 
 def _four_sides(vertices: Array, triangles: Array, colours: object, joint: str) -> Figure:
@@ -217,8 +225,6 @@ def _ground_forces(
     towards: tuple[float, float, float],
     shift: float,
 ) -> None:
-    from hilbrace.report.paint import screen_axes
-
     right, up, _ = screen_axes(towards)
     scale = 0.45 / (trial.mass_kg * GRAVITY)
     for foot in range(len(trial.feet)):

@@ -51,16 +51,11 @@ def paint(
     """
     right, up, near = screen_axes(towards)
     corners = vertices[triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normals, axis=1)
-    kept = length > 0
-    corners, normals = corners[kept], normals[kept] / length[kept, None]
-    base = np.broadcast_to(np.asarray(colours, dtype=float)[..., :3], (len(triangles), 3))[kept]
-
-    light = np.asarray(near + 0.5 * up + 0.3 * right)
+    facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ near
+    base = np.broadcast_to(np.asarray(colours, dtype=float)[..., :3], (len(triangles), 3))
+    light = near + 0.5 * up + 0.3 * right
     light /= np.linalg.norm(light)
-    facing = normals @ near
-    brightness = 0.55 + 0.45 * np.clip(normals @ light, 0.0, 1.0)
+    brightness = 0.5 + 0.5 * np.clip(_smooth_normals(vertices, triangles) @ light, 0.0, 1.0)
     brightness = np.where(facing < 0, 0.45, brightness)
     order = np.argsort(corners.mean(axis=1) @ near, kind="stable")
     flat = np.stack([corners @ right + shift[0], corners @ up + shift[1]], axis=-1)[order]
@@ -72,3 +67,14 @@ def paint(
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.axis("off")
+
+
+def _smooth_normals(vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]) -> Array:
+    """Unit normal of each triangle, averaged over its corners so that a coarse mesh looks round."""
+    corners = vertices[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    at_vertex = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(at_vertex, triangles[:, corner], normals)
+    mean = at_vertex[triangles].sum(axis=1)
+    return mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)

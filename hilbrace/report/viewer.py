@@ -9,10 +9,13 @@ import trimesh
 from jaxtyping import Float, Int
 from manifold3d import Manifold, Mesh64
 from matplotlib import colormaps
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from trimesh.viewer.notebook import scene_to_html
 
 from hilbrace.body.body import Body
 from hilbrace.domain.domain import Domain
+from hilbrace.domain.isoline import compact, cut_by_plane
 from hilbrace.optimize.design import Design
 from hilbrace.pattern.pattern import Solid
 from hilbrace.report.figures import BRACE, FIELD, SKIN
@@ -23,46 +26,58 @@ Array = np.ndarray
 VIEW_TOLERANCE_MM = 0.25
 """How far the view's mesh may lie from the solid [mm]; the exported files are not touched."""
 
+LIFT_MM = 3.0
+"""The field is drawn this far above the skin, which the coarser mesh of the leg would else pierce [mm]."""
+
+THIGH, SHANK = 0.72, 0.85
+"""Parts of the thigh and the shank that are shown [-]."""
+
+TO_FRONT = np.array([[0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+"""Turns the front of the leg (x) towards the viewer's camera (z)."""
+
+ADDED = "scene.add(gltf.scene);"
+DULL = (
+    "scene.add(new THREE.AmbientLight(0xffffff,0.55));tracklight.intensity=0.85;"
+    "gltf.scene.traverse(function(o){if(o.material){o.material.metalness=0;o.material.roughness=1;}});"
+)
+"""Said to the viewer once the scene is there: its default material is metal, and looks black."""
+
 
 def turnable(body: Body, domain: Domain, design: Design, brace: Solid) -> str:
     """An ``<iframe>`` with the leg twice: with the design variable, and with the solid brace."""
     leg_vertices, leg_triangles = leg_around(body, domain.joint)
-    shift = np.array([0.0, 0.0, 1.15 * np.ptp(leg_vertices[:, 2]) + 60.0])
-    lifted = (
-        domain.vertices
-        + 1.5 * trimesh.Trimesh(domain.vertices, domain.triangles, process=False).vertex_normals
-    )
-    values = np.where(design.rim, 1.0, design.d_triangle)
-    scene = trimesh.Scene()
-    scene.add_geometry(_coloured(leg_vertices, leg_triangles, SKIN), "leg with field")
-    scene.add_geometry(
-        _coloured(lifted, domain.triangles, colormaps[FIELD](values)[:, :3]), "design variable"
-    )
-    scene.add_geometry(_coloured(leg_vertices + shift, leg_triangles, SKIN), "leg with brace")
+    shift = np.array([0.0, 0.0, -(1.1 * np.ptp(leg_vertices[:, 2]) + 60.0)])
+    smooth = trimesh.Trimesh(domain.vertices, domain.triangles, process=False).vertex_normals
+    lifted = domain.vertices + LIFT_MM * smooth
     vertices, triangles = _lighter(brace)
+    colours = colormaps[FIELD](design.d_triangle)[:, :3]
+    scene = trimesh.Scene()
+    scene.add_geometry(_coloured(leg_vertices, leg_triangles, SKIN), "leg with the field")
+    scene.add_geometry(_coloured(lifted, domain.triangles, colours), "design variable")
+    scene.add_geometry(_coloured(leg_vertices + shift, leg_triangles, SKIN), "leg with the brace")
     scene.add_geometry(_coloured(vertices + shift, triangles, BRACE), "brace")
-    page = scene_to_html(scene)
+    scene.apply_transform(TO_FRONT)
+    page = scene_to_html(scene).replace(ADDED, ADDED + DULL)
     return f'<iframe class="turnable" title="turnable view" srcdoc="{html.escape(page)}"></iframe>'
 
 
 def leg_around(body: Body, joint: str) -> tuple[Float[Array, "vertex 3"], Int[Array, "triangle 3"]]:
-    """The skin of the braced leg in the domain's frame [mm], hip to ankle."""
-    side = joint.split("_")[1]
-    centre = body.joint_centres[body.joint_names.index(joint)]
-    hip = body.joint_centres[body.joint_names.index(f"hip_{side}")]
-    ankle = body.joint_centres[body.joint_names.index(f"ankle_{side}")]
-    middle = body.vertices[body.triangles].mean(axis=1)
-    height = middle[:, 1]
-    own_side = middle[:, 2] > 0 if side == "r" else middle[:, 2] < 0
-    carried = [
-        body.bones.index(bone)
-        for bone in body.bones
-        if bone.endswith(f"_{side}") and bone[:4] in ("femu", "tibi")
-    ]
-    on_leg = body.bone_weights[:, carried].sum(axis=1)[body.triangles].mean(axis=1) > 0.5
-    kept = own_side & on_leg & (height < hip[1] - 0.08) & (height > ankle[1] + 0.02)
-    used, triangles = np.unique(body.triangles[kept], return_inverse=True)
-    return (body.vertices[used] - centre) * MM_PER_M, triangles.reshape(-1, 3)
+    """The skin of the braced leg in the domain's frame [mm], from the thigh to above the ankle."""
+    side = joint[-1]
+    knee, hip, ankle = (
+        body.joint_centres[body.joint_names.index(f"{name}_{side}")] for name in ("knee", "hip", "ankle")
+    )
+    vertices = (body.vertices - knee) * MM_PER_M
+    top, bottom = (MM_PER_M * share * (end - knee)[1] for share, end in ((THIGH, hip), (SHANK, ankle)))
+    up = np.array([0.0, 1.0, 0.0])
+    vertices, triangles = cut_by_plane(vertices, body.triangles, up, top, snap=1.0)
+    vertices, triangles = cut_by_plane(vertices, triangles, -up, -bottom, snap=1.0)
+    edges = (np.ones(len(triangles)), (triangles[:, 0], triangles[:, 1]))
+    more = (np.ones(len(triangles)), (triangles[:, 1], triangles[:, 2]))
+    size = (len(vertices), len(vertices))
+    _, part = connected_components(coo_array(edges, size) + coo_array(more, size), directed=False)
+    own = part[np.argmin(np.linalg.norm(vertices, axis=1))]
+    return compact(vertices, triangles, part[triangles[:, 0]] == own)
 
 
 def _lighter(brace: Solid) -> tuple[Array, Array]:
@@ -78,4 +93,7 @@ def _coloured(vertices: Array, triangles: Array, colours: object) -> trimesh.Tri
     for corner in range(3):
         np.add.at(per_vertex, triangles[:, corner], rgb)
     shades = (255 * per_vertex / count[:, None]).round().clip(0, 255).astype(np.uint8)
-    return trimesh.Trimesh(vertices, triangles, vertex_colors=shades, process=False)
+    mesh = trimesh.Trimesh(vertices, triangles, vertex_colors=shades, process=False)
+    return trimesh.Trimesh(
+        vertices, triangles, vertex_colors=shades, vertex_normals=mesh.vertex_normals, process=False
+    )

@@ -32,7 +32,8 @@ def test_help_imports_none_of_the_heavy_libraries():
         "import sys, hilbrace.cli\n"
         "try: hilbrace.cli.main(['--help'])\n"
         "except SystemExit: pass\n"
-        "heavy = {'torch', 'numpy', 'scipy', 'opensim', 'matplotlib', 'trimesh', 'pydantic'} & set(sys.modules)\n"
+        "names = {'torch', 'numpy', 'scipy', 'opensim', 'matplotlib', 'trimesh', 'pydantic'}\n"
+        "heavy = names & set(sys.modules)\n"
         "sys.exit(', '.join(heavy))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,6 +20,7 @@ Array = np.ndarray
 _WORST_RESIDUAL = 1e-5
 
 
+@runtime_checkable
 class Factor(Protocol):
     """A factorised symmetric positive definite matrix."""
 

@@ -19,8 +19,11 @@ from hilbrace.skeleton.splines import JointFunction, Linear, joint_function
 from hilbrace.skeleton.table import BodyFigures, JointFigures, Table
 
 Array = np.ndarray
-Coordinates = Mapping[str, Float[Array, " frame"]]
-"""Values of coordinates by name [rad or m]; one that is left out is zero."""
+Coordinates = Mapping[str, float | Float[Array, " #frame"]]
+"""Values of coordinates by name [rad or m], one number or one per frame; one that is left out is zero."""
+
+Complete = Mapping[str, Float[Array, " #frame"]]
+"""Values of all coordinates that are needed, as arrays."""
 
 
 class Transform(NamedTuple):
@@ -47,19 +50,19 @@ class Axis:
     coordinate: str | None
     function: JointFunction
 
-    def value(self, q: Coordinates) -> Float[Array, " frame"]:
+    def value(self, q: Complete) -> Float[Array, " #frame"]:
         """Angle [rad] or distance [m]."""
         return self.function(self._argument(q))
 
-    def slope(self, q: Coordinates) -> Float[Array, " frame"]:
+    def slope(self, q: Complete) -> Float[Array, " #frame"]:
         """Change of the angle or distance per unit of the coordinate."""
         return self.function.slope(self._argument(q))
 
-    def rotation(self, q: Coordinates) -> Float[Array, "frame 3 3"]:
+    def rotation(self, q: Complete) -> Float[Array, "#frame 3 3"]:
         """Rotation matrix of this axis in the pose."""
         return rotation_about(self.direction, self.value(q))
 
-    def _argument(self, q: Coordinates) -> Array:
+    def _argument(self, q: Complete) -> Array:
         return _AT_REST if self.coordinate is None else q.get(self.coordinate, _AT_REST)
 
 
@@ -89,7 +92,7 @@ class Joint:
     child_rotation: Float[Array, "3 3"]
     child_origin: Float[Array, " 3"]
 
-    def carry(self, parent: Transform, q: Coordinates) -> Transform:
+    def carry(self, parent: Transform, q: Complete) -> Transform:
         """Frame of the child from the frame of the parent."""
         frame = parent.rotation @ self.parent_rotation
         origin = parent.origin + parent.rotation @ self.parent_origin
@@ -172,7 +175,7 @@ class Skeleton:
         ground = Transform(np.broadcast_to(np.eye(3), (frames, 3, 3)), np.zeros((frames, 3)))
         return self.advance(full, {"ground": ground}, self.bodies)
 
-    def advance(self, q: Coordinates, pose: Pose, children: Iterable[str]) -> Pose:
+    def advance(self, q: Complete, pose: Pose, children: Iterable[str]) -> Pose:
         """The pose with the frames of some bodies renewed, each from its parent's frame in the pose.
 
         Args:
@@ -186,7 +189,7 @@ class Skeleton:
             renewed[child] = joint.carry(renewed[joint.parent], q)
         return renewed
 
-    def leg(self, q: Coordinates, side: str, pose: Pose) -> Pose:
+    def leg(self, q: Complete, side: str, pose: Pose) -> Pose:
         """The pose with one leg renewed from thigh to heel (`LEG`); ``side`` is ``"r"`` or ``"l"``."""
         return self.advance(q, pose, [f"{body}_{side}" for body in LEG])
 
@@ -248,7 +251,9 @@ class Skeleton:
         return axes
 
 
-def rotation_about(direction: Float[Array, " 3"], angle: Float[Array, " frame"]) -> Float[Array, "frame 3 3"]:
+def rotation_about(
+    direction: Float[Array, " 3"], angle: Float[Array, "*frame"]
+) -> Float[Array, "*frame 3 3"]:
     """Rotation matrices about one axis (Rodrigues' formula).
 
     Args:

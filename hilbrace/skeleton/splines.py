@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,7 @@ from hilbrace.skeleton.table import Function
 Array = np.ndarray
 
 
+@runtime_checkable
 class JointFunction(Protocol):
     """A smooth function of one coordinate."""
 

@@ -13,7 +13,7 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Integer
 
 from hilbrace.run import records
 
@@ -40,13 +40,13 @@ class AnnyLite:
 
     template: Float[Array, "vertex 3"]
     directions: Float[Array, "coefficient vertex 3"]
-    triangles: Int[Array, "triangle 3"]
+    triangles: Integer[Array, "triangle 3"]
     coefficient_names: tuple[str, ...]
     bone_names: tuple[str, ...]
     bone_parents: Int[Array, " bone"]
     head_template: Float[Array, "bone 3"]
     head_directions: Float[Array, "coefficient bone 3"]
-    weight_bones: Int[Array, "vertex slot"]
+    weight_bones: Integer[Array, "vertex slot"]
     weights: Float[Array, "vertex slot"]
     source: str
 

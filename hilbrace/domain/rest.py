@@ -46,7 +46,7 @@ def rest_domain(body: Body, settings: DomainSettings) -> RestDomain:
     else:
         flat = lscm(surface.vertices, cut, _pins(surface, limb, upper, lower, cut, settings))
     check_flips(surface.vertices[cut.weld], flat.uv, cut.triangles)
-    upper, lower = _in_order(upper, path[-1], surface), _in_order(lower, path[0], surface)
+    upper, lower = _in_order(upper, int(path[-1]), surface), _in_order(lower, int(path[0]), surface)
     return _back(RestDomain(limb.joint, surface, upper, lower, cut, flat), limb)
 
 

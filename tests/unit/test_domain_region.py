@@ -124,6 +124,7 @@ def test_skin_beside_the_axis_is_refused():
     refuse(beside, "does not go around", "one frame")
 
 
+@pytest.mark.malformed
 def test_a_body_without_a_joint_or_upside_down_is_refused():
     body = synthetic_body()
     short = dataclasses.replace(

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,9 +16,22 @@ from tests.unit.domain_body import sleeve
 def cylinder_domain(height=200.0):
     vertices, triangles = sleeve(60.0, 60.0, height, around=48, along=40)
     upper, lower = loops_of(Surface(vertices, triangles))
-    empty = {field.name: None for field in dataclasses.fields(Domain)}
     return Domain(
-        **empty | {"vertices": vertices, "triangles": triangles, "upper_loop": upper, "lower_loop": lower}
+        joint="knee_l",
+        vertices=vertices,
+        triangles=triangles,
+        upper_loop=upper,
+        lower_loop=lower,
+        cut_triangles=triangles,
+        weld=np.arange(len(vertices)),
+        uv=np.zeros((len(vertices), 2)),
+        seam_pairs=np.zeros((0, 2), int),
+        flatten="lscm",
+        period_u=0.0,
+        time=np.zeros(0),
+        posed=np.zeros((0, len(vertices), 3)),
+        deformation=np.zeros((0, len(triangles), 2, 2)),
+        quasi_conformal=np.ones(len(triangles)),
     )
 
 

@@ -213,6 +213,7 @@ def test_names_that_no_file_can_hold_are_refused(tmp_path, names):
         write_trc(tmp_path / "m.trc", np.arange(2.0), 1.0, names, np.ones((2, 2, 3)))
 
 
+@pytest.mark.malformed
 def test_shapes_that_do_not_fit_are_refused(tmp_path):
     with pytest.raises(InputError, match="does not fit"):
         write_trc(tmp_path / "m.trc", np.arange(2.0), 1.0, ("a",), np.ones((2, 2, 3)))

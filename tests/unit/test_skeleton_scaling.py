@@ -124,6 +124,7 @@ def test_the_unscaled_table_is_not_touched():
     assert before == load_table()
 
 
+@pytest.mark.malformed
 @pytest.mark.parametrize(
     ("scales", "mass", "what"),
     [

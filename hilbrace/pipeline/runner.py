@@ -16,6 +16,7 @@ from rich.console import Console
 from hilbrace import __version__
 from hilbrace.config import Config
 from hilbrace.errors import InputError
+from hilbrace.motion.trial_reader import recorded_files
 from hilbrace.pipeline.stage import Inputs, Stage
 from hilbrace.pipeline.stages import STAGES
 from hilbrace.run import folder as runs
@@ -66,7 +67,7 @@ def run_stages(config: Config, folder: Path, until: str = "report", quiet: bool 
 def stage_key(stage: Stage, config: Config, upstream: dict[str, str]) -> str:
     """Digest of all that a stage's result depends on."""
     sections = {name: getattr(config, name).model_dump(mode="json") for name in stage.sections}
-    inputs = _input_digests(config) if "motion" in stage.sections else {}
+    inputs = _input_digests(config) if "motion" in stage.sections else []
     return runs.digest(
         __version__, stage.name, json.dumps([sections, upstream, inputs], sort_keys=True, default=str)
     )
@@ -120,11 +121,14 @@ def _run_stage(
     return runs.StageEntry(key, digests, seconds, outcome.metrics)
 
 
-def _input_digests(config: Config) -> dict[str, str]:
-    paths = [config.motion.markers, config.motion.forces, config.motion.static, config.biomech.model]
+def _input_digests(config: Config) -> list[str]:
+    """Digests of the files that people may change between two runs."""
+    paths = [*recorded_files(config.motion)]
+    if config.biomech.model is not None:
+        paths.append(config.biomech.model)
     if config.motion.marker_map.endswith(".toml"):
         paths.append(Path(config.motion.marker_map))
-    return {str(path): runs.file_digest(path) for path in paths if path is not None}
+    return [runs.file_digest(path) for path in paths]
 
 
 def _write_config(config: Config, folder: Path) -> None:

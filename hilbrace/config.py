@@ -72,7 +72,10 @@ class BiomechSettings(Section):
     model: Path | None = Field(None, description="your own .osim file; the built-in 41-DoF model if left out")
     convention: Literal["intersegmental"] = Field("intersegmental", description="meaning of the acting force")
     knee_regularisation: float = Field(
-        0.1, ge=0, description="inverse-kinematics weight that holds knee adduction and rotation near zero"
+        0.03,
+        ge=0,
+        description="inverse-kinematics weight that holds knee adduction and rotation near zero against skin "
+        "motion; the default weighs about as much as the markers of a leg, 0 believes the markers",
     )
 
 

@@ -65,7 +65,7 @@ def pack(record: Any) -> bytes:
         archive.writestr(_member(_FIGURES), text)
         for name in sorted(arrays):
             data = io.BytesIO()
-            np.lib.format.write_array(data, np.ascontiguousarray(arrays[name]), allow_pickle=False)
+            np.lib.format.write_array(data, np.asarray(arrays[name], order="C"), allow_pickle=False)
             archive.writestr(_member(f"{name}.npy"), data.getvalue())
     return buffer.getvalue()
 

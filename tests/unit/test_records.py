@@ -29,13 +29,13 @@ class Other:
     name: str
 
 
-ARRAYS = hnp.arrays(np.float64, hnp.array_shapes(max_dims=3, max_side=4), elements=st.floats(width=64))
+ARRAYS = hnp.arrays(np.float64, hnp.array_shapes(min_dims=0, max_dims=3, max_side=4), elements=st.floats(width=64))
 
 
 @given(values=ARRAYS, name=st.text(max_size=8), figure=st.floats(allow_nan=False, allow_infinity=False))
 def test_a_record_comes_back_bit_for_bit(tmp_path_factory, values, name, figure):
     path = tmp_path_factory.mktemp("records") / "sample.npz"
-    record = Sample(name, values, values > 0, ("a", "b"), figure)
+    record = Sample(name, values, np.asarray(values > 0), ("a", "b"), figure)
     save(record, path)
     back = load(Sample, path)
     assert back.values.tobytes() == values.tobytes()

@@ -29,7 +29,9 @@ class Other:
     name: str
 
 
-ARRAYS = hnp.arrays(np.float64, hnp.array_shapes(min_dims=0, max_dims=3, max_side=4), elements=st.floats(width=64))
+ARRAYS = hnp.arrays(
+    np.float64, hnp.array_shapes(min_dims=0, max_dims=3, max_side=4), elements=st.floats(width=64)
+)
 
 
 @given(values=ARRAYS, name=st.text(max_size=8), figure=st.floats(allow_nan=False, allow_infinity=False))

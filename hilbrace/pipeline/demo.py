@@ -31,7 +31,7 @@ def demo_config(motion: str, quick: bool = False, overrides: dict[str, str] | No
     content: dict[str, Any] = {
         "subject": {"name": "synthetic subject"},
         "motion": {"synthetic": motion, "cutoff_hz": 20.0},
-        "biomech": {"knee_regularisation": 0.0},  # synthetic markers sit on the bones: no skin moves under them
+        "biomech": {"knee_regularisation": 0.0},  # no skin moves under synthetic markers
     }
     if quick:
         content = {**content, **{name: dict(values) for name, values in QUICK.items()}}

@@ -23,6 +23,11 @@ from hilbrace.units import MM_PER_M
 Array = np.ndarray
 Scales = dict[str, Float[Array, " 3"]]
 
+MARKER_RADIUS = 0.007
+"""Distance from the skin to the middle of a marker of the usual 14 mm [m]."""
+
+_ACROSS = {"knee": ("LFC", "MFC"), "ankle": ("LMAL", "MMAL")}
+
 ROUNDS = 3
 """Fits of the shape: height and volume change a little on the way to the neutral pose."""
 
@@ -39,7 +44,7 @@ def build_body(trial: Trial, settings: BodySettings) -> Body:
     """
     landmarks = standing_landmarks(trial)
     scales = segment_scales(landmarks, load_table(), trial.height_m)
-    return body_of(scales, trial.mass_kg, trial.height_m, settings)
+    return body_of(scales, trial.mass_kg, trial.height_m, settings, joint_breadths(landmarks))
 
 
 def standing_landmarks(trial: Trial) -> dict[str, Float[Array, " 3"]]:
@@ -49,7 +54,31 @@ def standing_landmarks(trial: Trial) -> dict[str, Float[Array, " 3"]]:
     return {names[name]: place for name, place in seen if name in names and np.isfinite(place).all()}
 
 
-def body_of(scales: Scales, mass_kg: float, height_m: float, settings: BodySettings) -> Body:
+def joint_breadths(landmarks: dict[str, Float[Array, " 3"]]) -> dict[str, float]:
+    """Breadths across knees and ankles [m] where markers on both sides of the joint were worn.
+
+    Args:
+        landmarks: Standing markers by their names in the skeleton's table [m].
+
+    Returns:
+        Figures of `hilbrace.body.fit.measure`; the mean of both legs, less the markers' own size.
+    """
+    breadths = {}
+    for joint, (outer, inner) in _ACROSS.items():
+        pairs = [(landmarks.get(s + outer), landmarks.get(s + inner)) for s in "RL"]
+        seen = [float(np.linalg.norm(a - b)) for a, b in pairs if a is not None and b is not None]
+        if seen:
+            breadths[f"{joint} breadth"] = float(np.mean(seen)) - 2.0 * MARKER_RADIUS
+    return breadths
+
+
+def body_of(
+    scales: Scales,
+    mass_kg: float,
+    height_m: float,
+    settings: BodySettings,
+    breadths: dict[str, float] | None = None,
+) -> Body:
     """The body of a person given by figures.
 
     Args:
@@ -57,6 +86,7 @@ def body_of(scales: Scales, mass_kg: float, height_m: float, settings: BodySetti
         mass_kg: Mass [kg].
         height_m: Height [m]; 0 where unknown, then the segment lengths decide.
         settings: Settings of the skin.
+        breadths: Breadths of the joints, where measured (see `joint_breadths`).
 
     Raises:
         InputError: The mass is unknown.
@@ -70,7 +100,8 @@ def body_of(scales: Scales, mass_kg: float, height_m: float, settings: BodySetti
     model = load_anny_lite()
     target = skeleton_joints(skeleton_from_table(scaled_table(load_table(), scales, mass_kg)))
     weights = _weights(model, settings)
-    shape, vertices = _fitted(model, weights, target, mass_kg, height_m)
+    lengths = {**fit.target_figures(target), **(breadths or {})}
+    shape, vertices = _fitted(model, weights, target, lengths, (mass_kg / fit.DENSITY, height_m))
     height = float(np.ptp(vertices[:, 1]))
     return Body(
         model="anny-lite",
@@ -100,17 +131,18 @@ def _fitted(
     model: AnnyLite,
     weights: Float[Array, "vertex bone"],
     target: dict[str, Float[Array, " 3"]],
-    mass_kg: float,
-    height_m: float,
+    lengths: dict[str, float],
+    size: tuple[float, float],
 ) -> tuple[Float[Array, " coefficient"], Float[Array, "vertex 3"]]:
-    """Shape and neutral skin, whose height and volume are those wanted."""
-    lengths, volume_m3 = fit.target_figures(target), mass_kg / fit.DENSITY
-    asked_height, asked_volume = height_m, volume_m3
+    """Shape and neutral skin, whose volume [m^3] and height [m] (where not 0) are those of ``size``."""
+    volume, height = size
+    asked_volume, asked_height = size
     shape, vertices = np.zeros(len(model.coefficient_names)), model.template
     for _ in range(ROUNDS):
-        shape = fit.fit_shape(model, lengths, asked_height if height_m > 0.0 else None, asked_volume)
+        whole = {"volume": float(np.log(asked_volume))} | ({"height": asked_height} if height > 0.0 else {})
+        shape = fit.fit_shape(model, lengths | whole)
         placement = place(model_joints(model, model.heads(shape)), target)
         vertices = placement.apply(model.vertices(shape), weights)
-        asked_height += height_m - float(np.ptp(vertices[:, 1]))
-        asked_volume *= volume_m3 / fit.enclosed_volume(vertices, model.triangles)[0]
+        asked_volume *= volume / fit.enclosed_volume(vertices, model.triangles)[0]
+        asked_height += height - float(np.ptp(vertices[:, 1]))
     return shape, vertices

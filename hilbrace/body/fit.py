@@ -1,4 +1,4 @@
-"""Shape coefficients of the body model from a person's height, mass and segment lengths.
+"""Shape coefficients of the body model from a person's height, mass, segment lengths and joint breadths.
 
 Regularised least squares (Gauss-Newton): each figure is compared in units of the accuracy it is worth, each
 coefficient in units of its spread in the population. Figures that are not known are left out.
@@ -21,6 +21,9 @@ DENSITY = 1010.0
 """Density of the whole body in quiet breathing [kg/m^3]."""
 
 STEPS = 8
+_LEVEL = 0.012
+"""Half the thickness of the slice in which a breadth is taken [m]."""
+
 _SLIDER_SPREAD = 0.5
 _ACCURACY = {
     "height": 0.002,
@@ -32,6 +35,8 @@ _ACCURACY = {
     "shoulder height": 0.025,
     "upper arm": 0.015,
     "forearm": 0.015,
+    "knee breadth": 0.005,
+    "ankle breadth": 0.005,
 }
 """Standard deviation of each figure [m]; of the volume, as a fraction."""
 
@@ -57,20 +62,13 @@ def target_figures(joints: dict[str, Float[Array, " 3"]]) -> dict[str, float]:
     return {name: float(np.linalg.norm(arrow)) for name, arrow in _arrows(joints).items()}
 
 
-def fit_shape(
-    model: AnnyLite, target: dict[str, float], height_m: float | None, volume_m3: float
-) -> Float[Array, " coefficient"]:
+def fit_shape(model: AnnyLite, wanted: dict[str, float]) -> Float[Array, " coefficient"]:
     """The most ordinary shape whose figures are those wanted, each to its accuracy.
 
     Args:
         model: The body model.
-        target: Lengths between joint centres (`target_figures`).
-        height_m: Height in the A-pose [m]; ``None`` where unknown.
-        volume_m3: Volume [m^3].
+        wanted: Figures by their names in `measure`; those that are not known are left out.
     """
-    wanted = {**target, "volume": float(np.log(volume_m3))}
-    if height_m is not None:
-        wanted["height"] = height_m
     spread = np.full(len(model.coefficient_names), _SLIDER_SPREAD)
     spread[: model.components] = 1.0
     shape = np.zeros(len(spread))
@@ -85,16 +83,23 @@ def fit_shape(
 
 
 def measure(model: AnnyLite, shape: Float[Array, " coefficient"]) -> dict[str, Figure]:
-    """Figures of a body in the A-pose, with their slopes: lengths, height and logarithm of the volume."""
+    """Figures of a body in the A-pose, with their slopes.
+
+    Lengths between joint centres [m], ``"height"`` [m], ``"knee breadth"`` and ``"ankle breadth"`` from the
+    inner to the outer side of the skin at the joint [m], and the logarithm of the ``"volume"`` in m^3.
+    """
     vertices, joints = model.vertices(shape), model_joints(model, model.heads(shape))
     moves = [model_joints(model, move) for move in model.head_directions]
     figures = {}
     for name, arrow in _arrows(joints).items():
         length = float(np.linalg.norm(arrow))
         figures[name] = Figure(length, np.array([_arrows(m)[name] @ arrow for m in moves]) / length)
-    top, bottom = vertices[:, 1].argmax(), vertices[:, 1].argmin()
-    rise = model.directions[:, top, 1] - model.directions[:, bottom, 1]
-    figures["height"] = Figure(float(np.ptp(vertices[:, 1])), rise)
+    crown, sole = int(vertices[:, 1].argmax()), int(vertices[:, 1].argmin())
+    spans = {"height": (crown, sole, np.array([0.0, 1.0, 0.0]))}
+    spans |= {f"{joint} breadth": _across(model, joint) for joint in ("knee", "ankle")}
+    for name, (first, last, direction) in spans.items():
+        slope = (model.directions[:, first] - model.directions[:, last]) @ direction
+        figures[name] = Figure(float((vertices[first] - vertices[last]) @ direction), slope)
     volume, gradient = enclosed_volume(vertices, model.triangles)
     slope = np.tensordot(model.directions, gradient, 2) / volume
     figures["volume"] = Figure(float(np.log(volume)), slope)
@@ -110,6 +115,19 @@ def enclosed_volume(
     for corner, (u, v) in zip(triangles.T, ((b, c), (c, a), (a, b)), strict=True):
         np.add.at(gradient, corner, np.cross(u, v) / 6.0)
     return float((np.cross(a, b) * c).sum() / 6.0), gradient
+
+
+def _across(model: AnnyLite, joint: str) -> tuple[int, int, Float[Array, " 3"]]:
+    """Outermost and innermost vertex of the right leg around a joint in the mean adult, and the direction."""
+    joints = model_joints(model, model.head_template)
+    along = joints["hip_r"] - joints["ankle_r"]
+    along /= np.linalg.norm(along)
+    direction = np.array([0.0, 0.0, 1.0]) - along[2] * along
+    direction /= np.linalg.norm(direction)
+    offset = model.template - joints[f"{joint}_r"]
+    level = np.flatnonzero((np.abs(offset @ along) < _LEVEL) & (model.template[:, 2] > 0.0))
+    across = offset[level] @ direction
+    return int(level[across.argmax()]), int(level[across.argmin()]), direction
 
 
 def _arrows(joints: dict[str, Float[Array, " 3"]]) -> dict[str, Float[Array, " 3"]]:

@@ -53,6 +53,9 @@ class Placement:
 def place(own: Joints, target: Joints) -> Placement:
     """Find the placement of a body with given joint centres.
 
+    The shoulders alone stay where the trunk carries them and the upper arms reach from there to the
+    skeleton's elbows: the skeleton's shoulder lies higher than a person's with the arms down.
+
     Args:
         own: Joint centres of the body model in the A-pose [m], fingers included (see `model_joints`).
         target: Joint centres of the skeleton in its neutral pose [m].
@@ -60,7 +63,9 @@ def place(own: Joints, target: Joints) -> Placement:
     count = len(BONES)
     start, shift = np.zeros((count, 3)), np.zeros((count, 3))
     stretch, rotation = np.tile(np.eye(3), (count, 1, 1)), np.tile(np.eye(3), (count, 1, 1))
-    translation = np.tile(_pelvis_shift(own, target), (count, 1))
+    pelvis_shift = _pelvis_shift(own, target)
+    translation = np.tile(pelvis_shift, (count, 1))
+    target = target | {name: own[name] + pelvis_shift for name in ("shoulder_r", "shoulder_l")}
     for side in SIDES:
         chain = dict(own)
         turns = _limb_rotations(own, target, side)

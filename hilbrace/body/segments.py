@@ -87,14 +87,20 @@ _ORIGINS = {
 
 
 def model_joints(model: AnnyLite, heads: Float[Array, "bone 3"]) -> dict[str, Float[Array, " 3"]]:
-    """Joint centres of the body model, by name and side (``"hip_r"``), from its bone heads [m]."""
+    """Joint centres of the body model, by name and side (``"hip_r"``), from its bone heads [m].
+
+    Linear in the heads. The hip is moved inward by `HIP_INWARD` and forward to above the knee, where it lies
+    40 % of the depth of the pelvis behind its front: MakeHuman's is 30 mm further back, and the skeleton's
+    markers on the pelvis then hang behind the skin.
+    """
     joints = {
         f"{joint}_{side}": heads[model.bone_names.index(f"{bone}.{side.upper()}")]
         for side in SIDES
         for joint, bone in _HEADS.items()
     }
     for side in SIDES:
-        joints[f"hip_{side}"] = joints[f"hip_{side}"] * np.array([1.0, 1.0, HIP_INWARD])
+        _, height, lateral = joints[f"hip_{side}"]
+        joints[f"hip_{side}"] = np.array([joints[f"knee_{side}"][0], height, HIP_INWARD * lateral])
     return joints
 
 

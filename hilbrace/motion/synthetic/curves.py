@@ -23,15 +23,15 @@ def pulse(
 
 
 def hump(time: Float[Array, " frame"], start: float, end: float) -> Float[Array, " frame"]:
-    """A symmetric hump of height 1 between two instants, with two continuous derivatives."""
+    """A symmetric hump of height 1 between two instants, with three continuous derivatives."""
     s = np.clip((time - start) / (end - start), 0.0, 1.0)
-    return (4 * s * (1 - s)) ** 3
+    return (4 * s * (1 - s)) ** 4
 
 
 def glide(
     time: Float[Array, " frame"], start: float, end: float, leaving: float, arriving: float
 ) -> Float[Array, " frame"]:
-    """Travel from 0 to 1 at constant speed but for a smooth start and stop.
+    """Travel from 0 to 1 at constant speed but for a smooth start and stop, with continuous acceleration.
 
     Args:
         time: Instants [s].
@@ -44,8 +44,8 @@ def glide(
         Distance travelled.
     """
     s = np.clip((time - start) / (end - start), 0.0, 1.0)
-    gained = leaving * _ramp_integral(s / leaving)
-    lost = arriving * _ramp_integral((s - 1 + arriving) / arriving)
+    gained = leaving * _gained(s / leaving)
+    lost = arriving * _gained((s - 1 + arriving) / arriving)
     return (gained - lost) / (1 - (leaving + arriving) / 2)
 
 
@@ -85,7 +85,7 @@ def time_derivative(time: Float[Array, " frame"]) -> Float[Array, "frame frame"]
     return spline.derivative()(time)
 
 
-def _ramp_integral(s: Float[Array, " frame"]) -> Float[Array, " frame"]:
-    """Integral of the septic smoothstep from 0; it grows like ``s - 1/2`` beyond 1."""
+def _gained(s: Float[Array, " frame"]) -> Float[Array, " frame"]:
+    """Integral of the cubic smoothstep from 0; it grows like ``s - 1/2`` beyond 1."""
     inside = np.clip(s, 0.0, 1.0)
-    return inside**5 * (7 - 14 * inside + 10 * inside**2 - 2.5 * inside**3) + np.maximum(s - 1, 0.0)
+    return inside**3 * (1 - inside / 2) + np.maximum(s - 1, 0.0)

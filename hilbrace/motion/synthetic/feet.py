@@ -46,12 +46,12 @@ class FootPath:
     Attributes:
         rotation: Orientation of the calcaneus in the ground.
         origin: Origin of the calcaneus [m].
-        toe_extension: Angle of the toes against the foot [rad].
+        toe_angle: The model's ``mtp_angle``, negative while the toes are extended [rad].
     """
 
     rotation: Float[Array, "frame 3 3"]
     origin: Float[Array, "frame 3"]
-    toe_extension: Float[Array, " frame"]
+    toe_angle: Float[Array, " frame"]
 
     def point(self, local: Float[Array, "3"]) -> Float[Array, "frame 3"]:
         """Path of a point given in the calcaneus frame [m]."""
@@ -71,7 +71,7 @@ def foot_path(flat_origin: Float[Array, "frame 3"], yaw: float, rockers: Rockers
         shift = pivot + np.einsum("tij,tj->ti", about_z(angle), shift - pivot)
     turn = about_y(np.array([yaw]))[0]
     pitch = rockers.heel - rockers.ball - rockers.tip
-    return FootPath(turn @ about_z(pitch), flat_origin + shift @ turn.T, rockers.ball)
+    return FootPath(turn @ about_z(pitch), flat_origin + shift @ turn.T, -rockers.ball)
 
 
 def about_z(angle: Float[Array, " frame"]) -> Float[Array, "frame 3 3"]:

@@ -1,8 +1,8 @@
 """The whole body's ground reaction divided between the feet.
 
-In a jump the right foot's share follows from where the centre of pressure lies between the feet; in walking
-it is prescribed through double support. Forces of both feet, at their centres of pressure, with their free
-moments, add up to the whole reaction exactly.
+The right foot's share follows from where the centre of pressure lies between the feet; in walking it is
+kept to narrow limits. Forces of both feet, at their centres of pressure, with their free moments, add up to
+the whole reaction exactly.
 """
 
 from __future__ import annotations
@@ -55,10 +55,9 @@ def split_between_feet(plan: Plan, wrench: BodyWrench) -> FootForces:
     pressure = np.zeros((frames, 3))
     pressure[:, 0], pressure[:, 2] = wrench.moment[:, 2] / vertical, -wrench.moment[:, 0] / vertical
     middles = plan.pressure_paths
-    right = plan.right_share
-    if right is None:
-        right = (pressure[:, 2] - middles[:, 1, 2]) / (middles[:, 0, 2] - middles[:, 1, 2])
-    right = np.where(loaded, np.clip(right, 0.0, 1.0), 0.5)
+    across = (middles[:, 0] - middles[:, 1])[:, [0, 2]]
+    right = np.einsum("ti,ti->t", (pressure - middles[:, 1])[:, [0, 2]], across) / (across**2).sum(axis=1)
+    right = np.where(loaded, np.clip(right, plan.right_share[:, 0], plan.right_share[:, 1]), 0.5)
     shares = np.stack([right, 1 - right], axis=1)
     force = np.where(loaded[:, None, None], shares[:, :, None] * wrench.force[:, None], 0.0)
     between = np.einsum("tf,tfi->ti", shares, middles)

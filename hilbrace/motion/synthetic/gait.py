@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import BSpline
 
-from hilbrace.motion.synthetic.curves import glide, hump, pulse, ramp
+from hilbrace.motion.synthetic.curves import glide, pulse, ramp
 from hilbrace.motion.synthetic.feet import FootPath, Rockers, foot_path
 from hilbrace.motion.synthetic.plan import Effort, Motion, Plan, Plate, RootBasis
 from hilbrace.units import DEG
@@ -22,17 +22,18 @@ Time = Float[Array, " frame"]
 
 SPEED = 1.2
 """Walking speed [m/s]."""
-STRIDE = 1.08
+STRIDE = 1.0
 """Duration of a stride [s]."""
 STANCE = 0.62
 """Share of the stride that a foot stands."""
 
-_HALF_COEFFICIENTS = 12
+_HALF_COEFFICIENTS = 10
 _DEGREE = 5
 _LENGTH = SPEED * STRIDE
 _DOUBLE_SUPPORT = STANCE - 0.5
-_HEEL_AHEAD = 0.30
-_TRACK_HALF = 0.075
+_CHOICE = 0.025
+_HEEL_AHEAD = 0.25
+_TRACK_HALF = 0.06
 _TOES_OUT = 0.1
 _SIDES = (("r", 0.0, 1.0), ("l", 0.5, -1.0))
 _EVEN = np.array([1.0, -1.0, -1.0, 1.0, 1.0, -1.0])
@@ -51,13 +52,13 @@ def gait() -> Motion:
         optimise_over=(0.0, STRIDE / 2),
         margin=0.15,
         effort=Effort(
-            centre=1 / 30,
-            yaw=1 / 4,
-            track=(4.0, 8.0, 8.0, 4.0, 2.0, 8.0),
-            smooth=(1e-4, 1e-4, 1e-4, 5e-4, 5e-4, 5e-4),
-            knee=60.0,
+            centre=1 / 60,
+            yaw=1 / 2.5,
+            track=(60.0, 20.0, 30.0, 4.0, 2.0, 2.0),
+            smooth=(5e-4, 5e-4, 5e-4, 6e-3, 2e-2, 6e-3),
+            knee=40.0,
             friction=0.22,
-            load=(0.72, 1.15),
+            load=(0.65, 1.30),
         ),
         plates=tuple(_plate(k) for k in range(-1, 3)),
     )
@@ -68,7 +69,7 @@ def _plate(step: int) -> Plate:
     strike = step * STRIDE / 2
     foot = "r" if step % 2 == 0 else "l"
     return Plate(
-        foot, (SPEED * strike + _HEEL_AHEAD + 0.12, 0.0), (0.3, 0.25), (strike, strike + STANCE * STRIDE)
+        foot, (SPEED * strike + _HEEL_AHEAD + 0.12, 0.0), (0.295, 0.25), (strike, strike + STANCE * STRIDE)
     )
 
 
@@ -85,13 +86,15 @@ def _plan(time: Time) -> Plan:
         paths.append(_pressure_path(phase, heel, sign))
         ceilings.append(_knee_ceiling(phase))
         posture.update(_limbs(phase, side, sign, swing))
-        posture[f"mtp_angle_{side}"] = feet[side].toe_extension
+        posture[f"mtp_angle_{side}"] = feet[side].toe_angle
     posture["lumbar_extension"] = np.full_like(time, -0.05)
-    posture["lumbar_rotation"] = -0.14 * swing
+    posture["lumbar_rotation"] = -0.22 * swing
     phase = time / STRIDE % 1.0
-    share = ramp(phase, 0.0, _DOUBLE_SUPPORT) - ramp(phase, 0.5, 0.5 + _DOUBLE_SUPPORT)
+    shares = _share_range(phase)
     pressure = np.stack(paths, axis=1)
-    both = share[:, None] * pressure[:, 0] + (1 - share)[:, None] * pressure[:, 1]
+    middle = shares.mean(axis=1, keepdims=True)
+    both = middle * pressure[:, 0] + (1 - middle) * pressure[:, 1]
+    spread = np.abs(pressure[:, 0] - pressure[:, 1]) * np.diff(shares) / 2
     return Plan(
         time=time,
         root=_root(time),
@@ -99,8 +102,8 @@ def _plan(time: Time) -> Plan:
         feet=feet,
         pressure_paths=pressure,
         cop_target=both[:, [0, 2]],
-        cop_reach=np.broadcast_to([0.025, 0.02], (len(time), 2)),
-        right_share=share,
+        cop_reach=spread[:, [0, 2]] + [0.05, 0.025],
+        right_share=shares,
         airborne=np.zeros(len(time), dtype=bool),
         knee_ceiling=np.stack(ceilings, axis=1),
     )
@@ -108,12 +111,12 @@ def _plan(time: Time) -> Plan:
 
 def _foot(phase: Time, heel: Time, sign: float) -> FootPath:
     """Heel strike with the toes up, foot flat, heel off, toe off, swing."""
-    forward = heel + _LENGTH * glide(phase, 0.60, 1.0, 0.45, 0.25)
-    lift = 0.025 * hump(phase, 0.62, 1.0)
+    forward = heel + _LENGTH * glide(phase, 0.60, 1.0, 0.40, 0.38)
+    lift = 0.025 * pulse(phase, 0.62, 0.80, 0.84, 1.0)
     rockers = Rockers(
-        heel=0.30 * (1 - ramp(phase, 0.0, 0.11) + ramp(phase, 0.78, 0.98)),
+        heel=0.33 * (1 - ramp(phase, 0.0, 0.11) + ramp(phase, 0.78, 0.98)),
         ball=0.48 * pulse(phase, 0.31, 0.60, 0.62, 0.86),
-        tip=0.55 * pulse(phase, 0.48, 0.70, 0.66, 0.88),
+        tip=0.65 * pulse(phase, 0.48, 0.70, 0.66, 0.88),
     )
     place = np.stack([forward, lift, np.full_like(phase, sign * _TRACK_HALF)], axis=1)
     return foot_path(place, -sign * _TOES_OUT, rockers)
@@ -121,9 +124,17 @@ def _foot(phase: Time, heel: Time, sign: float) -> FootPath:
 
 def _pressure_path(phase: Time, heel: Time, sign: float) -> Float[Array, "frame 3"]:
     """From the heel to the toes in the course of stance."""
-    along = 0.015 + 0.195 * ramp(phase, -0.12, 0.60)
+    along = 0.015 + 0.195 * ramp(phase, -0.06, 0.62)
     outward = sign * (_TRACK_HALF + _TOES_OUT * along)
     return np.stack([heel + along, np.zeros_like(phase), outward], axis=1)
+
+
+def _share_range(phase: Time) -> Float[Array, "frame 2"]:
+    """Least and largest share of the right foot: all or nothing in single support, a choice in between."""
+    early, late = 0.0, _CHOICE
+    least = ramp(phase, late, _DOUBLE_SUPPORT) - ramp(phase, 0.5 + early, 0.5 + _DOUBLE_SUPPORT - _CHOICE)
+    largest = ramp(phase, early, _DOUBLE_SUPPORT - _CHOICE) - ramp(phase, 0.5 + late, 0.5 + _DOUBLE_SUPPORT)
+    return np.clip(np.stack([least, largest], axis=1), 0.0, 1.0)
 
 
 def _knee_ceiling(phase: Time) -> Time:
@@ -135,7 +146,7 @@ def _limbs(phase: Time, side: str, sign: float, swing: Time) -> dict[str, Array]
     """Arms against the legs; a little knee adduction and rotation in stance."""
     loaded = pulse(phase, 0.02, 0.20, 0.40, 0.60)
     return {
-        f"arm_flex_{side}": 0.05 - sign * 0.35 * swing,
+        f"arm_flex_{side}": 0.05 - sign * 0.42 * swing,
         f"arm_add_{side}": np.full_like(phase, -0.12),
         f"elbow_flex_{side}": 0.45 - sign * 0.15 * swing,
         f"pro_sup_{side}": np.full_like(phase, 0.6),
@@ -152,7 +163,7 @@ def _reference() -> Float[Array, "coefficient 6"]:
     wished[:, 0] = -0.04
     wished[:, 1] = 0.03 * np.sin(stride)
     wished[:, 2] = 0.07 * np.cos(stride)
-    wished[:, 4] = 0.855 - 0.016 * np.cos(2 * (stride - 2 * np.pi * 0.06))
+    wished[:, 4] = 0.89 - 0.019 * np.cos(2 * stride)
     wished[:, 5] = 0.02 * np.sin(stride)
     value = _symmetric_basis(time, 0)
     return np.stack([np.linalg.lstsq(value[c], wished[:, c], rcond=None)[0] for c in range(6)], axis=1)

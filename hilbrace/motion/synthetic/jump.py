@@ -45,55 +45,58 @@ class _Standing:
 def serve() -> Motion:
     """Stand, bend deep, jump, fly, land with the knees adducting, recover (3.2 s).
 
-    The jump of a tennis serve: the left arm goes up as for the toss while the knees bend, the right arm swings
-    overhead in flight.
+    The jump of a tennis serve: the left arm goes up as for the toss while the knees bend, the right arm
+    swings overhead in flight.
     """
-    leave, land, deepest, lowest = 1.45, 1.72, 1.24, 1.94
-    rise_at, fall_at, airtime = 0.912, 0.898, land - leave
+    leave, land, deepest, lowest = 1.45, 1.72, 1.24, 1.99
+    rise_at, fall_at, airtime = 0.902, 0.893, land - leave
     speed = (fall_at - rise_at) / airtime + GRAVITY * airtime / 2
     height = plan_height(
         [
             Waypoint(0.0, _STANDING_HEIGHT),
             Waypoint(0.4, _STANDING_HEIGHT),
-            Waypoint(deepest, _STANDING_HEIGHT - 0.155),
+            Waypoint(deepest, _STANDING_HEIGHT - 0.16),
             Waypoint(leave, rise_at, speed),
-            Waypoint(lowest, _STANDING_HEIGHT - 0.165),
+            Waypoint(lowest, _STANDING_HEIGHT - 0.150),
             Waypoint(2.3, _STANDING_HEIGHT - 0.115, None),
             Waypoint(2.9, _STANDING_HEIGHT),
             Waypoint(3.2, _STANDING_HEIGHT),
         ],
         flight=(leave, land),
-        wishes=(AccelerationWish(land + 0.06, 1.4 * GRAVITY, 1.0),),
+        wishes=(AccelerationWish(land + 0.06, 1.45 * GRAVITY, 1.0),),
     )
 
-    def bends(time: Time) -> tuple[Time, Time]:
-        return pulse(time, 0.4, 1.15, 1.2, 1.6), pulse(time, land - 0.2, lowest + 0.05, lowest + 0.15, 2.85)
+    def crouch(time: Time) -> Time:
+        """The trunk's lean: two bends, half upright between them in flight."""
+        first, second = pulse(time, 0.4, 1.15, 1.18, 1.60), pulse(time, 1.58, 2.12, 2.14, 2.85)
+        return first + second + 0.45 * pulse(time, 1.18, 1.60, 1.58, 2.12)
 
     def posture(time: Time) -> dict[str, Time]:
-        before, after = bends(time)
-        toss, swing = pulse(time, 0.3, 1.1, 1.2, 2.1), pulse(time, 1.0, 1.62, 1.72, 2.7)
-        yielding = pulse(time, land - 0.05, land + 0.25, land + 0.32, land + 0.9)
+        bent = crouch(time)
+        toss, swing = pulse(time, 0.3, 1.1, 1.3, 2.3), pulse(time, 0.9, 1.65, 1.8, 2.8)
+        yielding = pulse(time, land - 0.05, land + 0.25, land + 0.32, land + 0.9) + 0.2 * pulse(
+            time, 0.4, 1.05, 1.1, 1.5
+        )
         return {
-            "lumbar_extension": -0.3 * (before + after),
-            "arm_flex_l": 1.3 * toss + 0.8 * after,
+            "lumbar_extension": -0.3 * bent,
+            "arm_flex_l": 0.5 * bent + 0.8 * toss,
             "arm_add_l": -0.12 - 0.2 * toss,
             "elbow_flex_l": 0.35 - 0.15 * toss,
-            "arm_flex_r": 0.5 * before + 0.9 * swing + 0.6 * after,
-            "arm_add_r": -0.12 - 0.3 * before - 0.5 * swing,
-            "elbow_flex_r": 0.35 + 0.9 * before,
+            "arm_flex_r": 0.5 * bent + 0.8 * swing,
+            "arm_add_r": -0.12 - 0.4 * swing,
+            "elbow_flex_r": 0.35 + 0.7 * toss,
             **{f"pro_sup_{side}": np.full_like(time, 0.6) for side in "rl"},
-            "knee_adduction_r": 3 * DEG * (yielding + 0.2 * before),
-            "knee_adduction_l": 5 * DEG * (yielding + 0.2 * before),
-            **{f"knee_rotation_{side}": 3 * DEG * (before + after) for side in "rl"},
+            "knee_adduction_r": 3 * DEG * yielding,
+            "knee_adduction_l": 5 * DEG * yielding,
+            **{f"knee_rotation_{side}": 3 * DEG * bent for side in "rl"},
         }
 
     def rockers(time: Time) -> Rockers:
-        rise = pulse(time, 1.24, 1.60, 1.57, land + 0.13)
+        rise = pulse(time, 1.24, 1.60, 1.57, land + 0.15)
         return Rockers(np.zeros_like(time), 0.45 * rise, 0.10 * rise)
 
     def lean(time: Time) -> Time:
-        before, after = bends(time)
-        return -0.6 * (before + after)
+        return -0.6 * crouch(time)
 
     return _motion(
         _Standing(
@@ -103,7 +106,7 @@ def serve() -> Motion:
             clamped_knots(0.0, 3.2, 0.08, _DEGREE, (leave - 0.15, land + 0.2, 0.025)),
             posture,
             rockers,
-            lambda time: 0.055 * hump(time, leave, land),
+            lambda time: 0.045 * hump(time, leave, land),
             (leave, land),
             lean,
         )
@@ -178,7 +181,7 @@ def _motion(standing: _Standing) -> Motion:
         margin=0.0,
         effort=Effort(
             centre=1 / 60,
-            yaw=1 / 8,
+            yaw=1 / 5,
             track=(2.0, 15.0, 15.0, 3.0, 0.0, 15.0),
             smooth=(5e-5, 5e-5, 5e-5, 5e-4, 0.0, 5e-4),
         ),
@@ -227,7 +230,7 @@ def _plan(standing: _Standing, splines: BSpline, time: Time) -> Plan:
     rockers, lift = standing.rockers(time), standing.lift(time)
     feet = {side: _foot(time, rockers, lift, sign) for side, sign in (("r", 1.0), ("l", -1.0))}
     posture = standing.posture(time)
-    posture.update({f"mtp_angle_{side}": path.toe_extension for side, path in feet.items()})
+    posture.update({f"mtp_angle_{side}": path.toe_angle for side, path in feet.items()})
     low = BALL[0] * np.clip((rockers.ball + rockers.tip) / 0.10, 0, 1) * 0.9
     high = np.full_like(time, TOE_TIP[0] - 0.02)
     zero = np.zeros_like(time)
@@ -243,8 +246,8 @@ def _plan(standing: _Standing, splines: BSpline, time: Time) -> Plan:
             [feet[side].point(_MIDDLE_OF_FOOT) * (1.0, 0.0, 1.0) for side in "rl"], axis=1
         ),
         cop_target=np.stack([(low + high) / 2, zero], axis=1),
-        cop_reach=np.stack([(high - low) / 2, zero + 0.8 * _STANCE_HALF], axis=1),
-        right_share=None,
+        cop_reach=np.stack([(high - low) / 2, zero + 0.5 * _STANCE_HALF], axis=1),
+        right_share=np.broadcast_to([0.0, 1.0], (len(time), 2)),
         airborne=airborne,
         knee_ceiling=np.full((len(time), 2), 100 * DEG),
     )

@@ -17,20 +17,17 @@ from hilbrace.skeleton.kinematics import Pose, Skeleton
 
 Array = np.ndarray
 
-MARKER_MAP = "synthetic96"
-"""Name of the marker set."""
-
 _TIBIAL_PLATEAU = ("R_tibial_plateau", "L_tibial_plateau")
 
 _ONE_SIDE: dict[str, tuple[str, tuple[float, float, float]]] = {
-    "thigh_c1": ("femur", (0.055, -0.16, 0.045)),
-    "thigh_c2": ("femur", (0.065, -0.16, 0.0)),
-    "thigh_c3": ("femur", (0.050, -0.25, 0.045)),
-    "thigh_c4": ("femur", (0.060, -0.25, 0.0)),
-    "shank_c1": ("tibia", (0.035, -0.13, 0.040)),
-    "shank_c2": ("tibia", (0.045, -0.13, 0.0)),
-    "shank_c3": ("tibia", (0.030, -0.22, 0.040)),
-    "shank_c4": ("tibia", (0.040, -0.22, 0.0)),
+    "thigh_c1": ("femur", (0.055, -0.12, 0.045)),
+    "thigh_c2": ("femur", (0.065, -0.12, 0.0)),
+    "thigh_c3": ("femur", (0.050, -0.20, 0.045)),
+    "thigh_c4": ("femur", (0.060, -0.20, 0.0)),
+    "shank_c1": ("tibia", (0.035, -0.12, 0.040)),
+    "shank_c2": ("tibia", (0.045, -0.12, 0.0)),
+    "shank_c3": ("tibia", (0.030, -0.185, 0.040)),
+    "shank_c4": ("tibia", (0.040, -0.185, 0.0)),
     "hip": ("femur", (0.0, 0.02, 0.075)),
     "FIB": ("tibia", (-0.02, -0.045, 0.052)),
     "TTB": ("tibia", (0.045, -0.07, 0.005)),

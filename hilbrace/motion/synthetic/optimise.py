@@ -34,9 +34,11 @@ Array = np.ndarray
 _LOG = logging.getLogger(__name__)
 
 _STEP = 0.01
+_TOLERANCE = 2e-4
+_FIRM_CONTACT = 50.0
 _PROBE = 1e-5
-_RANGE_MARGIN = 2 * DEG
-_RANGE_WEIGHT = 100.0
+_RANGE_MARGIN = 3 * DEG
+_RANGE_WEIGHT = 200.0
 _FLIGHT_WEIGHT = 3.0
 
 
@@ -157,7 +159,7 @@ def optimise(
         if found is None:
             break
         coefficients, current, damping = found
-        if cost - float(current.residual @ current.residual) < 1e-3 * cost:
+        if cost - float(current.residual @ current.residual) < _TOLERANCE * cost:
             break
     _LOG.info("end cost %.5g %s", float(current.residual @ current.residual), _format(current.parts))
     return coefficients
@@ -189,9 +191,8 @@ def _ground_residuals(task: Problem, wrench: BodyWrench) -> dict[str, Float[Arra
     horizontal = wrench.force[:, [0, 2]]
     tipping = np.stack([wrench.moment[:, 2], -wrench.moment[:, 0]], axis=1)
     offset = tipping - plan.cop_target * vertical
-    yaw = wrench.moment[:, 1:2] - (
-        plan.cop_target[:, 1:] * horizontal[:, :1] - plan.cop_target[:, :1] * horizontal[:, 1:]
-    )
+    pressure = tipping / np.maximum(vertical, _FIRM_CONTACT)
+    yaw = wrench.moment[:, 1:2] - (pressure[:, 1:] * horizontal[:, :1] - pressure[:, :1] * horizontal[:, 1:])
     airborne = plan.airborne[:, None]
     least, most = (share * task.skeleton.mass * GRAVITY for share in effort.load)
     return {

@@ -62,7 +62,7 @@ class Plan:
         pressure_paths: Where the centre of pressure of each foot is wished, right and left [m].
         cop_target: Where the centre of pressure of both feet together is wished, x and z [m].
         cop_reach: How far from there it may go [m].
-        right_share: The right foot's share of the force; ``None``: from where the centre of pressure lies.
+        right_share: Least and largest share of the force that the right foot may take.
         airborne: Instants of flight.
         knee_ceiling: Knee flexion that each knee should not exceed, right and left [rad].
     """
@@ -74,7 +74,7 @@ class Plan:
     pressure_paths: Float[Array, "frame 2 3"]
     cop_target: Float[Array, "frame 2"]
     cop_reach: Float[Array, "frame 2"]
-    right_share: Float[Array, " frame"] | None
+    right_share: Float[Array, "frame 2"]
     airborne: Bool[Array, " frame"]
     knee_ceiling: Float[Array, "frame 2"]
 

@@ -70,8 +70,8 @@ def solve_poses(
     inverses = {} if start is None else start.inverses
     for k, name in enumerate(_PELVIS_ANGLES):
         q[name] = channels[:, k]
-    previous = 0.0
-    for iteration in range(iterations):
+    previous, iteration = 0.0, 0
+    while True:
         pose = skeleton.forward(q)
         lack = channels[:, 3:] - skeleton.centre(pose)
         misses = {side: foot_miss(plan, pose, side) for side in plan.feet}
@@ -79,10 +79,10 @@ def solve_poses(
         if not inverses or (start is None and iteration < 8) or (iteration % 3 == 2 and previous > 1e-4):
             inverses = {side: _inverse_jacobian(skeleton, plan, q, pose, side) for side in plan.feet}
         previous = error
-        if error < tolerance:
-            break
+        if error < tolerance or iteration == iterations:
+            return Solution(q, pose, inverses, float(error), iteration)
         _step(skeleton, plan, q, pose, lack, inverses)
-    return Solution(q, pose, inverses, float(error), iteration + 1)
+        iteration += 1
 
 
 def refresh(skeleton: Skeleton, plan: Plan, solution: Solution) -> Solution:

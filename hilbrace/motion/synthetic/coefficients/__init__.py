@@ -42,4 +42,4 @@ def store_coefficients(name: str, values: Float[Array, "coefficient 6"], path: P
 
 
 def _path(name: str) -> Path:
-    return Path(str(resources.files(__package__))) / f"{name}.npz"
+    return Path(str(resources.files("hilbrace.motion.synthetic.coefficients"))) / f"{name}.npz"

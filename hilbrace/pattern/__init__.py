@@ -1,0 +1,1 @@
+"""The struts: microstructures drawn on the skin, cleaned for casting, and thickened into the brace."""

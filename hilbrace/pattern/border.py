@@ -1,0 +1,130 @@
+"""The border between struts and holes as line segments: nearest points, and the width of what it bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from hilbrace.pattern.clip import ZeroLine
+from hilbrace.pattern.refine import RefinedSkin
+
+Array = np.ndarray
+
+_NEIGHBOURS = 64
+_FACING = 0.9
+"""Cosine of the angle to both normals up to which two places of the border face each other."""
+
+
+@dataclass(frozen=True)
+class Border:
+    """Every line that bounds the struts: around the holes, and the two loops of the brace.
+
+    Attributes:
+        start: Beginnings of the segments [mm].
+        end: Ends; the solid lies on the left seen from outside [mm].
+        inward: Unit normals in the skin, from the middle of the segment into the solid [-].
+        hole: Hole that each segment bounds; the last two numbers are the outside of the loops.
+    """
+
+    start: Float[Array, "segment 3"]
+    end: Float[Array, "segment 3"]
+    inward: Float[Array, "segment 3"]
+    hole: Int[Array, " segment"]
+
+    @property
+    def middle(self) -> Float[Array, "segment 3"]:
+        """Middles of the segments [mm]."""
+        return (self.start + self.end) / 2
+
+    def nearest(self, points: Float[Array, "point 3"]) -> tuple[Array, Array, Array]:
+        """Nearest place on the border.
+
+        Returns:
+            Distances [mm], segments, and the places themselves [mm].
+        """
+        count = min(4, len(self.start))
+        near = KDTree(self.middle).query(points, k=np.arange(1, count + 1))[1]
+        foot = _foot(points[:, None], self.start[near], self.end[near])
+        distance = np.linalg.norm(points[:, None] - foot, axis=2)
+        best = distance.argmin(axis=1)
+        rows = np.arange(len(points))
+        return distance[rows, best], near[rows, best], foot[rows, best]
+
+
+def hole_numbers(skin: RefinedSkin, line: ZeroLine) -> Int[Array, " vertex"]:
+    """Number of the hole that each vertex lies in, -1 in the solid."""
+    empty = line.depth < 0
+    within = skin.edges[empty[skin.edges].all(axis=1)]
+    count = len(skin.vertices)
+    graph = coo_array((np.ones(len(within), dtype=bool), within.T), shape=(count, count))
+    _, component = connected_components(graph, directed=False)
+    number = np.full(count, -1)
+    number[empty] = np.unique(component[empty], return_inverse=True)[1]
+    return number
+
+
+def border(skin: RefinedSkin, line: ZeroLine, hole: Int[Array, " vertex"]) -> Border:
+    """Collect the border of a zero line and of the loops.
+
+    Args:
+        skin: The refined skin.
+        line: Its zero line.
+        hole: Hole of each vertex, from `hole_numbers`.
+    """
+    ends = line.points[line.segments]
+    loops = skin.vertices[skin.loop_edges]
+    holes = int(hole.max(initial=-1)) + 1
+    sides = np.where(np.arange(len(loops)) < skin.upper_edges, holes, holes + 1)
+    face = np.concatenate(
+        [skin.normals[skin.triangles[line.triangle, 0]], skin.normals[skin.loop_edges[:, 0]]]
+    )
+    start = np.concatenate([ends[:, 0], loops[:, 0]])
+    end = np.concatenate([ends[:, 1], loops[:, 1]])
+    inward = np.cross(face, end - start)
+    length = np.linalg.norm(inward, axis=1)
+    keep = length > 1e-9
+    return Border(
+        start=start[keep],
+        end=end[keep],
+        inward=inward[keep] / length[keep, None],
+        hole=np.concatenate([hole[line.outer[line.segments[:, 0]]], sides])[keep],
+    )
+
+
+def strut_widths(edge: Border, reach_mm: float) -> Float[Array, " segment"]:
+    """Width of the strut at each segment of the border [mm]: to the nearest place that faces it.
+
+    Args:
+        edge: The border.
+        reach_mm: Widths are looked for up to this one; wider places are given it.
+    """
+    return _facing_distance(edge, edge.inward, reach_mm)
+
+
+def slit_widths(edge: Border, reach_mm: float) -> Float[Array, " segment"]:
+    """Width of the hole at each segment of the border [mm], as `strut_widths` on the other side."""
+    return _facing_distance(edge, -edge.inward, reach_mm)
+
+
+def _facing_distance(edge: Border, normal: Float[Array, "segment 3"], reach_mm: float) -> Array:
+    middle = edge.middle
+    count = min(_NEIGHBOURS, len(middle))
+    _, near = KDTree(middle).query(middle, k=count, distance_upper_bound=reach_mm)
+    known = near < len(middle)
+    near = np.where(known, near, 0)
+    away = _foot(middle[:, None], edge.start[near], edge.end[near]) - middle[:, None]
+    distance = np.linalg.norm(away, axis=2)
+    ahead = (away * normal[:, None]).sum(axis=2) > _FACING * distance
+    behind = -(away * normal[near]).sum(axis=2) > _FACING * distance
+    return np.where(known & ahead & behind & (distance > 0), distance, reach_mm).min(axis=1)
+
+
+def _foot(point: Array, start: Array, end: Array) -> Array:
+    along = end - start
+    t = ((point - start) * along).sum(axis=-1) / np.maximum((along**2).sum(axis=-1), 1e-30)
+    return start + np.clip(t, 0, 1)[..., None] * along

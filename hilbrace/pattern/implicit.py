@@ -1,0 +1,108 @@
+"""The two microstructures as one signed depth on the refined skin.
+
+The paper blends the distance fields, ``(1 - s) f_soft + s f_firm`` (Eq. 5). That sum is small only where two
+skeletons happen to meet: homogenized for our cells at equal volume, its modulus is zero for ``s`` between 0.3
+and 0.7, and a brace cut by it falls into two rings. Where the firm fraction ``s`` is near one half we lay the
+two patterns over each other instead, each ending a little way inside the other's region, and leave it to the
+clean-up to cut what hangs free back to the next node. Outside that band both forms are the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import KDTree
+
+from hilbrace.config import MaterialSettings, PatternSettings
+from hilbrace.domain.domain import Domain
+from hilbrace.material.cells import cell_distance, fold
+from hilbrace.material.curves import load_microstructures
+from hilbrace.material.strut_width import effective_scale, map_length, minimum_width
+from hilbrace.optimize.design import Design
+from hilbrace.pattern.refine import RefinedSkin
+
+Array = np.ndarray
+
+OVERLAP = 0.08
+"""How far past one half the firm fraction is where the soft pattern ends, and the reverse [-]."""
+_STEEPNESS = 3.0
+"""Depth per firm fraction at such an end [cell sides]; its zero does not depend on it."""
+
+
+@dataclass(frozen=True)
+class BlendedPattern:
+    """What decides at each vertex of the refined skin whether it is strut or hole.
+
+    Attributes:
+        soft_depth: Depth inside the soft struts [cell sides].
+        firm_depth: Depth inside the firm struts [cell sides].
+        cell_mm: Side of a cell on the limb [mm].
+        rim_depth: Depth inside the solid bands at the loops, negative outside of them [mm].
+    """
+
+    soft_depth: Float[Array, " vertex"]
+    firm_depth: Float[Array, " vertex"]
+    cell_mm: Float[Array, " vertex"]
+    rim_depth: Float[Array, " vertex"]
+
+    def depth(self, level_shift: float) -> Float[Array, " vertex"]:
+        """Signed depth inside the solid [mm], positive in struts and bands, negative in holes.
+
+        Args:
+            level_shift: Constant added to the half width everywhere [cell sides].
+        """
+        struts = np.maximum(self.soft_depth, self.firm_depth) + level_shift
+        return np.maximum(struts * self.cell_mm, self.rim_depth)
+
+
+def blended_pattern(
+    domain: Domain, design: Design, skin: RefinedSkin, settings: PatternSettings, material: MaterialSettings
+) -> BlendedPattern:
+    """Evaluate the two microstructures on the refined skin.
+
+    The flat map is evaluated on the cut mesh, in the triangle that each vertex belongs to. On a periodic
+    map the period of the cells is rounded so that the pattern closes across the seam; on a map with a free
+    seam the values left of the seam hold on it.
+
+    Args:
+        domain: The design domain.
+        design: The optimized design; its blended width says how wide both patterns' struts are.
+        skin: The refined mesh of the domain.
+        settings: Scale of the cells, least strut and width of the bands.
+        material: Names of the two cells.
+    """
+    cells = load_microstructures(material.soft, material.firm)
+    scale = effective_scale(settings.scale, domain.period_u)
+    u, v = (fold(skin.from_vertices(domain.cut_triangles, domain.uv[:, k]), scale) for k in range(2))
+    length = skin.from_vertices(domain.triangles, vertex_map_length(domain))
+    least = minimum_width(settings.min_strut_mm, scale, length)
+    firm = skin.from_vertices(domain.triangles, design.firm_vertex)
+    d = cells.design_variable(skin.from_vertices(domain.cut_triangles, design.width_vertex), firm)
+    soft_depth = np.maximum(cells.soft.width(d), least) - cell_distance(material.soft, u, v)
+    firm_depth = np.maximum(cells.firm.width(d), least) - cell_distance(material.firm, u, v)
+    return BlendedPattern(
+        soft_depth=np.minimum(soft_depth, _STEEPNESS * (0.5 + OVERLAP - firm)),
+        firm_depth=np.minimum(firm_depth, _STEEPNESS * (firm - 0.5 + OVERLAP)),
+        cell_mm=scale / 2 * length,
+        rim_depth=settings.rim_mm - _loop_distance(skin),
+    )
+
+
+def vertex_map_length(domain: Domain) -> Float[Array, " vertex"]:
+    """Length of one unit of the flat map at the vertices of the closed mesh [mm], mean of their triangles."""
+    length = map_length(domain.vertices, domain.triangles, domain.uv, domain.cut_triangles)
+    corners = domain.triangles.ravel()
+    return np.bincount(corners, np.repeat(length, 3)) / np.bincount(corners)
+
+
+def _loop_distance(skin: RefinedSkin) -> Float[Array, " vertex"]:
+    """Distance of the vertices to the nearer loop, exact to the polylines near them [mm]."""
+    start, end = skin.vertices[skin.loop_edges[:, 0]], skin.vertices[skin.loop_edges[:, 1]]
+    _, near = KDTree((start + end) / 2).query(skin.vertices, k=3)
+    a, b = start[near], end[near]
+    along = b - a
+    t = ((skin.vertices[:, None] - a) * along).sum(axis=2) / (along**2).sum(axis=2)
+    foot = a + np.clip(t, 0, 1)[..., None] * along
+    return np.linalg.norm(skin.vertices[:, None] - foot, axis=2).min(axis=1)

@@ -1,12 +1,36 @@
-"""Fixtures that every test may use."""
+"""Fixtures that every test may use, and the check of array shapes while tests run."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
+import jaxtyping
 import pytest
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"
+"""The checker of annotations; an int is a float here, as in PEP 484."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Check every annotation of the packages, array shapes included, whenever one of their functions runs.
+
+    Not while benchmarks run, and not in processes that a test starts: these have the packages as a user
+    has them.
+    """
+    if not config.getoption("benchmark_only"):
+        jaxtyping.install_import_hook(["hilbrace", "fabrication", "evaluation"], CHECKER)
+
+
+@pytest.fixture(autouse=True)
+def _annotations(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Let tests marked ``malformed`` give the library what its annotations forbid."""
+    malformed = request.node.get_closest_marker("malformed") is not None
+    jaxtyping.config.update("jaxtyping_disable", malformed)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 @pytest.fixture(scope="session")

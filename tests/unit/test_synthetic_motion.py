@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import itertools
 
 import numpy as np
 import pytest
@@ -55,7 +56,7 @@ def test_feet_supply_all_that_the_body_needs_while_they_are_loaded(name: str) ->
 
 @pytest.mark.parametrize("name", NAMES)
 def test_unloaded_residual_moment_is_below_one_percent_of_weight_times_height(name: str) -> None:
-    """Hicks et al. 2015 (J. Biomech. Eng. 137): residual moments below 1 % of COM height times largest force."""
+    """Bound of Hicks et al. 2015 (J. Biomech. Eng. 137): 1 % of COM height times the largest force."""
     case = motion(name)
     _, moment = case.forces.total()
     residual = np.abs(case.wrench.moment - moment)
@@ -205,7 +206,7 @@ def test_each_step_of_the_gait_has_a_plate_of_its_own() -> None:
     case = motion("gait")
     edges = [(plate.centre[0] - plate.half[0], plate.centre[0] + plate.half[0]) for plate in case.plates]
     assert [plate.foot for plate in case.plates] == ["l", "r", "l", "r"]
-    assert all(a[1] <= b[0] for a, b in zip(edges, edges[1:], strict=False))
+    assert all(a[1] <= b[0] for a, b in itertools.pairwise(edges))
     for plate in case.plates:
         k = "rl".index(plate.foot)
         inside = (case.time >= plate.interval[0]) & (case.time <= plate.interval[1])

@@ -30,7 +30,7 @@ def write_recording(motion: SyntheticMotion, folder: Path) -> dict[str, Path]:
         folder: Folder to write into; it is made if it is missing.
 
     Returns:
-        Paths by kind: ``c3d``, ``static_c3d``, ``trc``, ``static_trc``, ``grf``, ``truth``.
+        Paths by kind: ``c3d``, ``static_c3d``, ``trc``, ``static_trc``, ``grf``, ``static_grf``, ``truth``.
 
     Raises:
         InputError: The folder cannot be made.
@@ -47,6 +47,7 @@ def write_recording(motion: SyntheticMotion, folder: Path) -> dict[str, Path]:
         "trc": folder / "markers.trc",
         "static_trc": folder / "static.trc",
         "grf": folder / "grf.mot",
+        "static_grf": folder / "static_grf.mot",
         "truth": folder / "truth.mot",
     }
     still, rate = motion.static, motion.rate_hz
@@ -54,13 +55,12 @@ def write_recording(motion: SyntheticMotion, folder: Path) -> dict[str, Path]:
     write_c3d(paths["static_c3d"], motion, still.time, still.markers, still.forces, still.plates)
     write_trc(paths["trc"], motion.time, rate, motion.marker_names, motion.markers)
     write_trc(paths["static_trc"], still.time, rate, motion.marker_names, still.markers)
-    write_storage(
-        paths["grf"],
-        motion.time,
-        ground_columns(motion.forces),
-        degrees=False,
-        name=f"synthetic {motion.name}: ground reactions",
-    )
+    for kind, time, forces in (
+        ("grf", motion.time, motion.forces),
+        ("static_grf", still.time, still.forces),
+    ):
+        title = f"synthetic {motion.name}: ground reactions"
+        write_storage(paths[kind], time, ground_columns(forces), degrees=False, name=title)
     write_storage(
         paths["truth"],
         motion.time,

@@ -34,7 +34,10 @@ Report = Callable[[int, int], None]
 
 SILENCE_S = 120.0
 """Seconds without a word after which the process counts as hung; progress is reported far more often."""
+START_S = 300.0
+"""Seconds that the process may take to load OpenSim (8 s measured from a cold disk)."""
 
+INSTALL = "install it into this Python: pip install opensim"
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -46,6 +49,9 @@ class Engine:
 
     Args:
         silence_s: Seconds without answer or progress after which a call fails [s].
+
+    Raises:
+        SolverError: On entering, when OpenSim cannot be loaded.
     """
 
     def __init__(self, silence_s: float = SILENCE_S) -> None:
@@ -72,6 +78,11 @@ class Engine:
         reader = threading.Thread(target=_listen, args=(self._process.stdout, self._answers), daemon=True)
         reader.start()
         self._resources.callback(reader.join)
+        try:
+            self._answer("start", None, START_S)
+        except BaseException:
+            self._close(patience_s=0.0)
+            raise
         return self
 
     def __exit__(
@@ -80,20 +91,21 @@ class Engine:
         fault: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        process = self._process
-        if process is not None:
-            for pipe in (process.stdin,):
-                with contextlib.suppress(OSError):
-                    pipe.close() if pipe else None
+        self._close(patience_s=2.0 if kind is None else 0.0)
+
+    def _close(self, patience_s: float) -> None:
+        """End the process, by closing its pipe if it listens, by force if not."""
+        process, self._process = self._process, None
+        if process is not None and process.stdin is not None and process.stdout is not None:
+            with contextlib.suppress(OSError):
+                process.stdin.close()
             try:
-                process.wait(2.0 if kind is None else 0.0)
+                process.wait(patience_s)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-        self._resources.close()
-        if process is not None and process.stdout:
+            self._resources.close()
             process.stdout.close()
-        self._process = None
 
     @property
     def pid(self) -> int | None:
@@ -122,13 +134,18 @@ class Engine:
             process.stdin.flush()
         except OSError:
             raise self._ended(task) from None
+        return self._answer(task, progress, self._silence_s)
+
+    def _answer(self, task: str, progress: Report | None, silence_s: float) -> Any:
+        """Wait for the answer to a task, however long it takes, as long as there is progress."""
         while True:
             try:
-                kind, *content = self._answers.get(timeout=self._silence_s)
+                kind, *content = self._answers.get(timeout=silence_s)
             except queue.Empty:
-                process.kill()
+                if self._process:
+                    self._process.kill()
                 raise SolverError(
-                    f"OpenSim gave no sign for {self._silence_s:g} s and was stopped",
+                    f"OpenSim gave no sign for {silence_s:g} s and was stopped",
                     where=task,
                     hint="look for frames with few or misplaced markers, or shorten motion.window",
                 ) from None
@@ -176,9 +193,13 @@ def serve() -> None:
         pickle.dump(message, replies, protocol=5)
         replies.flush()
 
-    from hilbrace.biomech.opensim_worker import Worker
-
+    try:
+        from hilbrace.biomech.opensim_worker import Worker
+    except ImportError as fault:
+        send("refused", "SolverError", f"OpenSim cannot be loaded: {fault}", "opensim", INSTALL)
+        return
     worker = Worker(lambda done, total: send("progress", done, total))
+    send("result", None)
     for task, arguments in _requests(requests):
         try:
             result = getattr(worker, task)(**arguments)

@@ -143,7 +143,7 @@ def follow(
         InputError: Too few markers, or a leg unseen for longer than `LONGEST_GAP_S`.
         SolverError: The fit does not converge.
     """
-    seen = np.isfinite(trial.markers).all(axis=2)
+    seen = np.asarray(np.isfinite(trial.markers).all(axis=2))
     present = [name for k, name in enumerate(trial.marker_names) if seen[:, k].any()]
     tracked = markers.of(present)
     check_segments(tracked, present, f"motion '{trial.name}'")

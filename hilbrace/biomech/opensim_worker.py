@@ -42,7 +42,8 @@ MAX_STEPS = 300
 SHARED_WEIGHT_M2 = 1e-5
 """Stiffness [m^2] that holds every free coordinate near its start: as much as one marker of weight 1 at 3 mm.
 
-It decides only where the markers do not (forearm with one marker); a hip or knee moves less than 0.01 deg.
+It decides only where the markers do not (a forearm with one marker); angles of a leg move by a few hundredths
+of a degree.
 """
 
 

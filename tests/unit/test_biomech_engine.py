@@ -80,7 +80,6 @@ def test_a_call_after_a_crash_is_an_error_too():
 
 def test_a_hang_ends_within_the_time_given():
     with Engine(silence_s=1.0) as engine:
-        engine.call("build_model", **BUILD)
         os.kill(engine.pid, signal.SIGSTOP)
         started = time.monotonic()
         with pytest.raises(SolverError, match="no sign for 1 s"):

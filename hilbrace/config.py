@@ -25,36 +25,43 @@ class Section(BaseModel):
 class SubjectSettings(Section):
     """Who moves."""
 
-    name: str = Field("subject", description="name used in reports")
+    name: str = Field(default="subject", description="name used in reports")
     mass_kg: float | None = Field(
-        None, gt=10, lt=300, description="mass [kg]; read from the forces if left out"
+        default=None, gt=10, lt=300, description="mass [kg]; read from the forces if left out"
     )
     height_m: float | None = Field(
-        None, gt=0.8, lt=2.6, description="height [m]; from the markers if left out"
+        default=None, gt=0.8, lt=2.6, description="height [m]; from the markers if left out"
     )
 
 
 class MotionSettings(Section):
     """What was recorded: a C3D file, or TRC markers with MOT forces, or a built-in synthetic motion."""
 
-    synthetic: Literal["serve", "gait", "squat"] | None = Field(None, description="built-in synthetic motion")
-    markers: Path | None = Field(None, description="C3D or TRC file of the motion")
-    forces: Path | None = Field(None, description="MOT or STO file of ground reactions; C3D holds its own")
-    static: Path | None = Field(None, description="C3D or TRC file of the subject standing still")
-    static_forces: Path | None = Field(None, description="MOT or STO file that weighs the standing subject")
-    marker_map: str = Field("hilbrace", description="built-in marker map, or the path of a TOML file")
+    synthetic: Literal["serve", "gait", "squat"] | None = Field(
+        default=None, description="built-in synthetic motion"
+    )
+    markers: Path | None = Field(default=None, description="C3D or TRC file of the motion")
+    forces: Path | None = Field(
+        default=None, description="MOT or STO file of ground reactions; C3D holds its own"
+    )
+    static: Path | None = Field(default=None, description="C3D or TRC file of the subject standing still")
+    static_forces: Path | None = Field(
+        default=None, description="MOT or STO file that weighs the standing subject"
+    )
+    marker_map: str = Field(default="hilbrace", description="built-in marker map, or the path of a TOML file")
     plates: dict[str, Literal["right", "left", "unused"]] = Field(
-        {}, description="foot on each force plate, e.g. {1 = 'right'}; found from the markers if empty"
+        default={},
+        description="foot on each force plate, e.g. {1 = 'right'}; found from the markers if empty",
     )
     vertical_axis: Literal["y", "z"] | None = Field(
-        None, description="up axis of the file; z for C3D, y for TRC"
+        default=None, description="up axis of the file; z for C3D, y for TRC"
     )
-    window: tuple[float, float] | None = Field(None, description="part of the recording to use [s]")
+    window: tuple[float, float] | None = Field(default=None, description="part of the recording to use [s]")
     cutoff_hz: float = Field(
-        12.0, gt=0, description="low-pass cut-off for markers' motion and forces alike [Hz]"
+        default=12.0, gt=0, description="low-pass cut-off for markers' motion and forces alike [Hz]"
     )
     force_threshold_n: float = Field(
-        20.0, ge=0, description="vertical force below which a foot is unloaded [N]"
+        default=20.0, ge=0, description="vertical force below which a foot is unloaded [N]"
     )
 
 
@@ -62,17 +69,21 @@ class BodySettings(Section):
     """The skin."""
 
     weight_smoothing_mm: float = Field(
-        40.0, ge=0, description="diffusion length of the skinning weights [mm]"
+        default=40.0, ge=0, description="diffusion length of the skinning weights [mm]"
     )
 
 
 class BiomechSettings(Section):
     """The musculoskeletal model and the inverse kinematics."""
 
-    model: Path | None = Field(None, description="your own .osim file; the built-in 41-DoF model if left out")
-    convention: Literal["intersegmental"] = Field("intersegmental", description="meaning of the acting force")
+    model: Path | None = Field(
+        default=None, description="your own .osim file; the built-in 41-DoF model if left out"
+    )
+    convention: Literal["intersegmental"] = Field(
+        default="intersegmental", description="meaning of the acting force"
+    )
     knee_regularisation: float = Field(
-        0.03,
+        default=0.03,
         ge=0,
         description="inverse-kinematics weight that holds knee adduction and rotation near zero against skin "
         "motion; the default weighs about as much as the markers of a leg, 0 believes the markers",
@@ -82,82 +93,94 @@ class BiomechSettings(Section):
 class DomainSettings(Section):
     """Where the brace sits and how its surface is meshed."""
 
-    joint: Literal["knee"] = Field("knee", description="braced joint")
-    side: Literal["left", "right"] = Field("left", description="braced side")
-    above: float = Field(0.40, gt=0.1, lt=0.8, description="upper edge, fraction of the thigh above the knee")
-    below: float = Field(0.38, gt=0.1, lt=0.8, description="lower edge, fraction of the shank below the knee")
-    triangles: int = Field(4000, ge=400, le=60000, description="target number of triangles")
-    seam_azimuth_deg: float = Field(
-        180.0, description="seam around the limb: 0 anterior, 180 posterior [deg]"
+    joint: Literal["knee"] = Field(default="knee", description="braced joint")
+    side: Literal["left", "right"] = Field(default="left", description="braced side")
+    above: float = Field(
+        default=0.40, gt=0.1, lt=0.8, description="upper edge, fraction of the thigh above the knee"
     )
-    flatten: Literal["lscm", "periodic"] = Field("periodic", description="flat map")
-    frames_per_second: float = Field(15.0, gt=0, description="frames of the motion used by the design [1/s]")
+    below: float = Field(
+        default=0.38, gt=0.1, lt=0.8, description="lower edge, fraction of the shank below the knee"
+    )
+    triangles: int = Field(default=4000, ge=400, le=60000, description="target number of triangles")
+    seam_azimuth_deg: float = Field(
+        default=180.0, description="seam around the limb: 0 anterior, 180 posterior [deg]"
+    )
+    flatten: Literal["lscm", "periodic"] = Field(default="periodic", description="flat map")
+    frames_per_second: float = Field(
+        default=15.0, gt=0, description="frames of the motion used by the design [1/s]"
+    )
 
 
 class MaterialSettings(Section):
     """The cast rubber and the two microstructures."""
 
-    youngs_modulus_mpa: float = Field(1.15, gt=0, description="Young's modulus of the rubber [MPa]")
-    poisson: float = Field(0.45, gt=0, lt=0.5, description="Poisson's ratio [-]")
-    density_g_per_ml: float = Field(1.08, gt=0, description="density of the rubber [g/ml]")
-    thickness_mm: float = Field(4.0, gt=0.5, lt=20, description="thickness of the brace [mm]")
-    firm: Literal["voronoi_open"] = Field("voronoi_open", description="firm microstructure")
-    soft: Literal["sinusoidal"] = Field("sinusoidal", description="soft microstructure")
+    youngs_modulus_mpa: float = Field(default=1.15, gt=0, description="Young's modulus of the rubber [MPa]")
+    poisson: float = Field(default=0.45, gt=0, lt=0.5, description="Poisson's ratio [-]")
+    density_g_per_ml: float = Field(default=1.08, gt=0, description="density of the rubber [g/ml]")
+    thickness_mm: float = Field(default=4.0, gt=0.5, lt=20, description="thickness of the brace [mm]")
+    firm: Literal["voronoi_open"] = Field(default="voronoi_open", description="firm microstructure")
+    soft: Literal["sinusoidal"] = Field(default="sinusoidal", description="soft microstructure")
 
 
 class LossWeights(Section):
     """Weights of L1..L5 (paper, Sec. 5)."""
 
-    joint_stability: float = Field(0.5, ge=0)
-    elastic_energy: float = Field(0.8, ge=0)
-    compliance: float = Field(0.6, ge=0)
-    volume: float = Field(0.3, ge=0)
-    seam: float = Field(0.02, ge=0)
+    joint_stability: float = Field(default=0.5, ge=0)
+    elastic_energy: float = Field(default=0.8, ge=0)
+    compliance: float = Field(default=0.6, ge=0)
+    volume: float = Field(default=0.3, ge=0)
+    seam: float = Field(default=0.02, ge=0)
 
 
 class OptimizeSettings(Section):
     """The optimizer."""
 
-    seed: int = Field(0, description="seed of everything random")
-    iterations: int = Field(100, ge=1, le=10000, description="iterations")
-    learning_rate: float = Field(0.3, gt=0, description="step of Adam")
-    sigma: float = Field(10.0, gt=0, description="sharpness of the Gaussians (paper: 4)")
-    volume_fraction: float = Field(0.4, gt=0.1, lt=0.65, description="target volume fraction [-]")
+    seed: int = Field(default=0, description="seed of everything random")
+    iterations: int = Field(default=100, ge=1, le=10000, description="iterations")
+    learning_rate: float = Field(default=0.3, gt=0, description="step of Adam")
+    sigma: float = Field(default=10.0, gt=0, description="sharpness of the Gaussians (paper: 4)")
+    volume_fraction: float = Field(default=0.4, gt=0.1, lt=0.65, description="target volume fraction [-]")
     weights: LossWeights = LossWeights()
-    p_norm: float = Field(20.0, ge=1, description="exponent of the worst-frame norm")
+    p_norm: float = Field(default=20.0, ge=1, description="exponent of the worst-frame norm")
     load_share: float = Field(
-        0.01, gt=0, le=1, description="share of the acting force that the brace carries [-]"
+        default=0.01, gt=0, le=1, description="share of the acting force that the brace carries [-]"
     )
     load_window_mm: float = Field(
-        40.0, gt=0, description="width of the load's window about the joint line [mm]"
+        default=40.0, gt=0, description="width of the load's window about the joint line [mm]"
     )
     passive_frontal_nm_per_deg: float = Field(
-        5.0, gt=0, description="assumed passive knee stiffness, frontal"
+        default=5.0, gt=0, description="assumed passive knee stiffness, frontal"
     )
     passive_sagittal_nm_per_deg: float = Field(
-        0.5, gt=0, description="assumed passive knee stiffness, sagittal"
+        default=0.5, gt=0, description="assumed passive knee stiffness, sagittal"
     )
-    passive_axial_nm_per_deg: float = Field(1.5, gt=0, description="assumed passive knee stiffness, axial")
-    checkpoint_every: int = Field(5, ge=1, description="iterations between checkpoints")
+    passive_axial_nm_per_deg: float = Field(
+        default=1.5, gt=0, description="assumed passive knee stiffness, axial"
+    )
+    checkpoint_every: int = Field(default=5, ge=1, description="iterations between checkpoints")
 
 
 class PatternSettings(Section):
     """The microstructure on the surface."""
 
     scale: float = Field(
-        0.08, gt=0.01, lt=0.5, description="period of the cells in the flat map (paper: 0.08)"
+        default=0.08, gt=0.01, lt=0.5, description="period of the cells in the flat map (paper: 0.08)"
     )
-    min_strut_mm: float = Field(1.5, gt=0, description="narrowest strut that can be cast [mm]")
-    min_slit_mm: float = Field(1.0, ge=0, description="narrowest slit that can be cast [mm]")
-    rim_mm: float = Field(8.0, ge=2, description="width of the solid bands at both edges [mm]")
-    blend_mm: float = Field(30.0, gt=0, description="width of the transition from firm to soft [mm]")
-    resolution_mm: float = Field(1.0, gt=0.1, lt=5, description="edge length of the refined surface [mm]")
+    min_strut_mm: float = Field(default=1.5, gt=0, description="narrowest strut that can be cast [mm]")
+    min_slit_mm: float = Field(default=1.0, ge=0, description="narrowest slit that can be cast [mm]")
+    rim_mm: float = Field(default=8.0, ge=2, description="width of the solid bands at both edges [mm]")
+    blend_mm: float = Field(default=30.0, gt=0, description="width of the transition from firm to soft [mm]")
+    resolution_mm: float = Field(
+        default=1.0, gt=0.1, lt=5, description="edge length of the refined surface [mm]"
+    )
 
 
 class SolidSettings(Section):
     """The closed body."""
 
-    simplify_mm: float = Field(0.05, ge=0, description="largest deviation of the simplified mesh [mm]")
+    simplify_mm: float = Field(
+        default=0.05, ge=0, description="largest deviation of the simplified mesh [mm]"
+    )
 
 
 class Config(Section):

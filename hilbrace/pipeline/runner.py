@@ -102,9 +102,9 @@ def _run_stage(
     own.mkdir(exist_ok=True)
     by_name = {each.name: each for each in STAGES}
     records = {
-        name: load(by_name[name].kind, folder / by_name[name].file)
+        name: load(kind, folder / by_name[name].file)
         for name in stage.needs
-        if by_name[name].kind
+        if (kind := by_name[name].kind) is not None
     }
     runs.log_event(folder, "start", stage=stage.name, key=key)
     start = time.perf_counter()

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.tri import Triangulation
 
 from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.body.body import Body
@@ -123,13 +124,11 @@ def flat_map(domain: Domain, design: Design) -> Figure:
     """The design variable in the flat domain, and the boundary of soft and firm."""
     figure = Figure(figsize=(5.4, 4.6), layout="constrained")
     axes = figure.add_subplot()
-    u, v = domain.uv.T
-    image = axes.tripcolor(
-        u, v, domain.cut_triangles, design.d_triangle, cmap=FIELD, vmin=0, vmax=1, rasterized=True
-    )
+    mesh = Triangulation(*domain.uv.T, domain.cut_triangles)
+    image = axes.tripcolor(mesh, design.d_triangle, cmap=FIELD, vmin=0, vmax=1, rasterized=True)
     firm = design.firm_vertex[domain.weld]
     if firm.min() < 0.5 < firm.max():
-        axes.tricontour(u, v, domain.cut_triangles, firm, levels=[0.5], colors="white", linewidths=1.2)
+        axes.tricontour(mesh, firm, levels=[0.5], colors="white", linewidths=1.2)
     axes.set(xlabel="u [-]", ylabel="v [-]", aspect="equal")
     figure.colorbar(image, ax=axes, label="design variable d [-]", shrink=0.85)
     _quiet(axes)

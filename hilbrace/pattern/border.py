@@ -48,7 +48,7 @@ class Border:
             Distances [mm], segments, and the places themselves [mm].
         """
         count = min(4, len(self.start))
-        near = KDTree(self.middle).query(points, k=np.arange(1, count + 1))[1]
+        near = np.asarray(KDTree(self.middle).query(points, k=count)[1]).reshape(len(points), -1)
         foot = _foot(points[:, None], self.start[near], self.end[near])
         distance = np.linalg.norm(points[:, None] - foot, axis=2)
         best = distance.argmin(axis=1)

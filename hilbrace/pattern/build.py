@@ -10,17 +10,19 @@ from hilbrace.domain.domain import Domain
 from hilbrace.optimize.design import Design
 from hilbrace.pattern.border import border, hole_numbers, strut_widths
 from hilbrace.pattern.checks import is_watertight, measured_thickness, part_count, spread_sample
-from hilbrace.pattern.clean import clean, drop_islands
-from hilbrace.pattern.clip import cut_out, solid_fraction, triangle_areas, zero_line
+from hilbrace.pattern.clean import clean, drop_islands, widen_and_prune
+from hilbrace.pattern.clip import ZeroLine, cut_out, solid_fraction, triangle_areas, zero_line
 from hilbrace.pattern.implicit import BlendedPattern, blended_pattern
 from hilbrace.pattern.pattern import Pattern, Solid
 from hilbrace.pattern.refine import RefinedSkin, refine, vertex_normals
-from hilbrace.pattern.thicken import folded_triangles, manifold, simplify, surface, thicken
+from hilbrace.pattern.thicken import border_edges, folded_triangles, manifold, simplify, surface, thicken
 
 Array = np.ndarray
 
-STRUT_MARGIN = 1.03
+STRUT_MARGIN = 1.05
 """Least width that struts are widened to, over the configured one [-]: room for the mesh's error."""
+FINEST_STRUT = 0.55
+"""Longest mean edge of the refined skin, as a share of the least strut width: no edge jumps a strut [-]."""
 FRACTION_TOLERANCE = 0.003
 """Difference between the pattern's area fraction and the design's at which the level is right [-]."""
 LEVEL_LIMIT = 0.05
@@ -48,14 +50,20 @@ def build_pattern(
     Raises:
         GeometryError: The struts do not hang together.
     """
-    skin = refine(domain, settings.resolution_mm)
+    skin = refine(domain, min(settings.resolution_mm, FINEST_STRUT * settings.min_strut_mm))
     areas = triangle_areas(skin.vertices, skin.triangles)
     blended = blended_pattern(domain, design, skin, settings, material or MaterialSettings.model_validate({}))
     share = design_fraction(domain, design)
     depth, shift, dropped = _level(skin, blended, areas, share, settings)
-    line = zero_line(skin, depth)
+    line, widths = _measured(skin, depth, settings.min_strut_mm)
+    for extra in range(1, _ROUNDS):
+        if widths.min() >= settings.min_strut_mm:
+            break
+        wider = (STRUT_MARGIN + 0.04 * extra) * settings.min_strut_mm
+        line, widths = _measured(
+            skin, widen_and_prune(skin, line, blended.rim_depth, wider), settings.min_strut_mm
+        )
     struts = cut_out(skin, line)
-    widths = strut_widths(border(skin, line, hole_numbers(skin, line)), _REACH * settings.min_strut_mm)
     return Pattern(
         vertices=struts.vertices,
         normals=struts.normals,
@@ -87,11 +95,9 @@ def build_solid(
     thick = manifold(*thicken(pattern.vertices, pattern.normals, pattern.triangles, thickness))
     body = simplify(thick, settings.simplify_mm)
     vertices, triangles = surface(body)
-    sample = spread_sample(len(pattern.triangles), _RAYS)
-    corners = pattern.triangles[sample]
-    measured = measured_thickness(
-        body, pattern.vertices[corners].mean(axis=1), pattern.normals[corners].mean(axis=1), 2 * thickness
-    )
+    inner = np.setdiff1d(np.arange(len(pattern.vertices)), border_edges(pattern.triangles))
+    inner = inner[spread_sample(len(inner), _RAYS)]
+    measured = measured_thickness(body, pattern.vertices[inner], pattern.normals[inner], 2 * thickness)
     return Solid(
         vertices=vertices,
         triangles=triangles,
@@ -124,6 +130,14 @@ def _filled(design: Design) -> Float[Array, " triangle"]:
     return np.where(design.rim, 1.0, design.volume_fraction_triangle)
 
 
+def _measured(
+    skin: RefinedSkin, depth: Float[Array, " vertex"], strut_mm: float
+) -> tuple[ZeroLine, Float[Array, " segment"]]:
+    """The pattern's border, and the strut width at each of its segments [mm]."""
+    line = zero_line(skin, depth)
+    return line, strut_widths(border(skin, line, hole_numbers(skin, line)), _REACH * strut_mm)
+
+
 def _level(
     skin: RefinedSkin,
     blended: BlendedPattern,
@@ -133,9 +147,9 @@ def _level(
 ) -> tuple[Float[Array, " vertex"], float, int]:
     """Clean pattern whose area share is the design's: its depth, the level shift, the islands dropped."""
     best = (np.inf, np.zeros(0), 0.0, 0)
-    aim = share
+    aims, errors = [share], [0.0]
     for _ in range(_ROUNDS):
-        shift = _shift_for(skin, blended, areas, aim)
+        shift = _shift_for(skin, blended, areas, aims[-1])
         depth = clean(
             skin,
             blended.depth(shift),
@@ -145,12 +159,14 @@ def _level(
             settings.min_slit_mm,
         )
         depth, dropped = drop_islands(skin, depth, areas)
-        error = solid_fraction(skin, depth, areas) - share
-        if abs(error) < best[0]:
-            best = (abs(error), depth, shift, dropped)
-        if abs(error) <= FRACTION_TOLERANCE or abs(shift) >= LEVEL_LIMIT:
+        errors[-1] = solid_fraction(skin, depth, areas) - share
+        if abs(errors[-1]) < best[0]:
+            best = (abs(errors[-1]), depth, shift, dropped)
+        if best[0] <= FRACTION_TOLERANCE or abs(shift) >= 0.99 * LEVEL_LIMIT:
             break
-        aim -= error
+        slope = 1.0 if len(aims) == 1 else (errors[-1] - errors[-2]) / (aims[-1] - aims[-2])
+        aims.append(aims[-1] - errors[-1] / np.clip(slope, 0.5, 4.0))
+        errors.append(0.0)
     return best[1], best[2], best[3]
 
 

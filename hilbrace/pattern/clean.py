@@ -98,10 +98,8 @@ def widen_and_prune(
     axis = strut_axis(skin, line)
     if not len(axis.points):
         return line.depth
-    radius = np.maximum(axis.radius, strut_mm / 2)
-    distance, near = KDTree(axis.points).query(skin.vertices, k=min(8, len(axis.points)))
-    widened = np.maximum(line.depth, strut_mm / 2 - distance[:, 0])
-    reached = (radius[near] - distance).max(axis=1) + STUB_MM
+    widened = np.maximum(line.depth, strut_mm / 2 - KDTree(axis.points).query(skin.vertices)[0])
+    reached = depth_in_balls(skin.vertices, axis.points, np.maximum(axis.radius, strut_mm / 2) + STUB_MM)
     return np.maximum(np.minimum(widened, reached), rim_depth)
 
 
@@ -200,6 +198,25 @@ def strut_axis(skin: RefinedSkin, line: ZeroLine) -> StrutAxis:
     if not len(points):
         return StrutAxis(np.zeros((0, 3)), np.zeros(0))
     return StrutAxis(points, edge.nearest(points)[0])
+
+
+def depth_in_balls(
+    points: Float[Array, "point 3"], centres: Float[Array, "ball 3"], radius: Float[Array, " ball"]
+) -> Float[Array, " point"]:
+    """Depth of points inside a union of balls, exact near its surface, negative outside [mm].
+
+    The ball of least power ``|x - c|^2 - r^2`` is the nearest one in four dimensions, ``c`` lifted by
+    ``sqrt(R^2 - r^2)`` with the largest radius ``R`` (Aurenhammer 1987).
+
+    Args:
+        points: Points [mm].
+        centres: Centres of the balls [mm].
+        radius: Their radii [mm].
+    """
+    lift = np.sqrt(radius.max() ** 2 - radius**2)
+    lifted = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
+    _, ball = KDTree(np.concatenate([centres, lift[:, None]], axis=1)).query(lifted)
+    return radius[ball] - np.linalg.norm(points - centres[ball], axis=1)
 
 
 def drop_islands(

@@ -36,14 +36,22 @@ class BlendedPattern:
     """What decides at each vertex of the refined skin whether it is strut or hole.
 
     Attributes:
-        soft_depth: Depth inside the soft struts [cell sides].
-        firm_depth: Depth inside the firm struts [cell sides].
+        soft_distance: Distance to the skeleton of the soft cell [cell sides].
+        firm_distance: Distance to the skeleton of the firm cell [cell sides].
+        soft_width: Strut half width that the design asks of the soft cell [cell sides].
+        firm_width: The same of the firm cell [cell sides].
+        least_width: Half width of the narrowest strut [cell sides].
+        firm: Firm fraction [-].
         cell_mm: Side of a cell on the limb [mm].
         rim_depth: Depth inside the solid bands at the loops, negative outside of them [mm].
     """
 
-    soft_depth: Float[Array, " vertex"]
-    firm_depth: Float[Array, " vertex"]
+    soft_distance: Float[Array, " vertex"]
+    firm_distance: Float[Array, " vertex"]
+    soft_width: Float[Array, " vertex"]
+    firm_width: Float[Array, " vertex"]
+    least_width: Float[Array, " vertex"]
+    firm: Float[Array, " vertex"]
     cell_mm: Float[Array, " vertex"]
     rim_depth: Float[Array, " vertex"]
 
@@ -51,10 +59,13 @@ class BlendedPattern:
         """Signed depth inside the solid [mm], positive in struts and bands, negative in holes.
 
         Args:
-            level_shift: Constant added to the half width everywhere [cell sides].
+            level_shift: Constant added to the half width, which stays above the least [cell sides].
         """
-        struts = np.maximum(self.soft_depth, self.firm_depth) + level_shift
-        return np.maximum(struts * self.cell_mm, self.rim_depth)
+        soft = np.maximum(self.soft_width + level_shift, self.least_width) - self.soft_distance
+        firm = np.maximum(self.firm_width + level_shift, self.least_width) - self.firm_distance
+        soft = np.minimum(soft, _STEEPNESS * (0.5 + OVERLAP - self.firm))
+        firm = np.minimum(firm, _STEEPNESS * (self.firm - 0.5 + OVERLAP))
+        return np.maximum(np.maximum(soft, firm) * self.cell_mm, self.rim_depth)
 
 
 def blended_pattern(
@@ -77,14 +88,15 @@ def blended_pattern(
     scale = effective_scale(settings.scale, domain.period_u)
     u, v = (fold(skin.from_vertices(domain.cut_triangles, domain.uv[:, k]), scale) for k in range(2))
     length = skin.from_vertices(domain.triangles, vertex_map_length(domain))
-    least = minimum_width(settings.min_strut_mm, scale, length)
     firm = skin.from_vertices(domain.triangles, design.firm_vertex)
     d = cells.design_variable(skin.from_vertices(domain.cut_triangles, design.width_vertex), firm)
-    soft_depth = np.maximum(cells.soft.width(d), least) - cell_distance(material.soft, u, v)
-    firm_depth = np.maximum(cells.firm.width(d), least) - cell_distance(material.firm, u, v)
     return BlendedPattern(
-        soft_depth=np.minimum(soft_depth, _STEEPNESS * (0.5 + OVERLAP - firm)),
-        firm_depth=np.minimum(firm_depth, _STEEPNESS * (firm - 0.5 + OVERLAP)),
+        soft_distance=cell_distance(material.soft, u, v),
+        firm_distance=cell_distance(material.firm, u, v),
+        soft_width=cells.soft.width(d),
+        firm_width=cells.firm.width(d),
+        least_width=minimum_width(settings.min_strut_mm, scale, length),
+        firm=firm,
         cell_mm=scale / 2 * length,
         rim_depth=settings.rim_mm - _loop_distance(skin),
     )

@@ -18,11 +18,12 @@ from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.config import Config
 from hilbrace.optimize.design import Design
 from hilbrace.report import figures
+from hilbrace.report.light_solid import lighter
 from hilbrace.report.viewer import turnable
 from hilbrace.run.records import write_atomic
 
 PAINTED = frozenset({"key_frames", "field_on_leg", "soft_and_firm", "solid", "brace_on_body"})
-"""Pictures made of many triangles: PNG in the page. The others are drawings: SVG."""
+"""Pictures made of many triangles: PNG alone. The others are drawings: SVG as well."""
 
 
 def build_report(
@@ -39,17 +40,21 @@ def build_report(
     Returns:
         The files written.
     """
+    records = records | {"solid": lighter(records["solid"])}
     drawn = _draw(records)
     pictures = folder / "figures"
     pictures.mkdir(exist_ok=True)
     files: list[Path] = []
     inline: dict[str, str] = {}
     for name, figure in drawn.items():
-        png, svg = _render(figure, "png"), _render(figure, "svg")
-        for kind, content in (("png", png), ("svg", svg)):
+        kinds = ("png",) if name in PAINTED else ("png", "svg")
+        rendered = {kind: _render(figure, kind) for kind in kinds}
+        for kind, content in rendered.items():
             write_atomic(pictures / f"{name}.{kind}", content)
             files.append(pictures / f"{name}.{kind}")
-        inline[name] = _image(png, "png") if name in PAINTED else _image(svg, "svg+xml")
+        inline[name] = (
+            _image(rendered["svg"], "svg+xml") if "svg" in rendered else _image(rendered["png"], "png")
+        )
     view = turnable(records["body"], records["domain"], records["optimize"], records["solid"])
     page = folder / "index.html"
     write_atomic(page, _page(config, records, metrics, inline, view).encode())
@@ -165,7 +170,8 @@ def _figure_rows(metrics: dict[str, dict[str, Any]]) -> list[tuple[str, str]]:
         ("body", "height_m"), ("domain", "triangles"), ("domain", "quasi_conformal_mean"),
         ("optimize", "iterations"), ("optimize", "seconds_per_iteration"), ("brace", "volume_fraction"),
         ("pattern", "area_fraction"), ("solid", "volume_ml"), ("solid", "volume_error"),
-        ("solid", "triangles"), ("solid", "genus"), ("solid", "manifold_status"), ("solid", "thickness_p01_mm"),
+        ("solid", "triangles"), ("solid", "genus"), ("solid", "manifold_status"),
+        ("solid", "thickness_p01_mm"),
     )  # fmt: skip
     return [
         (f"{group}.{key}", str(metrics[group][key])) for group, key in wanted if key in metrics.get(group, {})

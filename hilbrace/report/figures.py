@@ -7,7 +7,7 @@ import matplotlib
 matplotlib.use("Agg")
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -22,7 +22,7 @@ from hilbrace.domain.domain import Domain
 from hilbrace.motion.trial import Trial
 from hilbrace.optimize.design import Design
 from hilbrace.pattern.pattern import Solid
-from hilbrace.report.paint import BACK, FRONT, LEFT, RIGHT, SKIN, paint, screen_axes
+from hilbrace.report.paint import BACK, FRONT, LEFT, RIGHT, SKIN, Colours, paint, screen_axes
 from hilbrace.units import GRAVITY, MM_PER_M
 
 Array = np.ndarray
@@ -124,7 +124,7 @@ def flat_map(domain: Domain, design: Design) -> Figure:
     """The design variable in the flat domain, and the boundary of soft and firm."""
     figure = Figure(figsize=(5.4, 4.6), layout="constrained")
     axes = figure.add_subplot()
-    mesh = Triangulation(*domain.uv.T, domain.cut_triangles)
+    mesh = Triangulation(domain.uv[:, 0], domain.uv[:, 1], domain.cut_triangles)
     image = axes.tripcolor(mesh, design.d_triangle, cmap=FIELD, vmin=0, vmax=1, rasterized=True)
     firm = design.firm_vertex[domain.weld]
     if firm.min() < 0.5 < firm.max():
@@ -176,8 +176,8 @@ def predicted_change(domain: Domain, design: Design) -> Figure:
 
 
 def solid(brace: Solid, joint: str) -> Figure:
-    """The solid from four sides."""
-    return _four_sides(brace.vertices, brace.triangles, BRACE, joint)
+    """The solid from four sides, the far half left out so that the pattern can be seen."""
+    return _four_sides(brace.vertices, brace.triangles, BRACE, joint, near_only=True)
 
 
 def brace_on_body(brace: Solid, body: Body, joint: str) -> Figure:
@@ -190,28 +190,40 @@ def brace_on_body(brace: Solid, body: Body, joint: str) -> Figure:
     for place, (towards, reach) in enumerate(((front, None), (front, 330.0), (back, 330.0))):
         axes = figure.add_subplot(1, 3, place + 1)
         paint(axes, skin, body.triangles, SKIN, towards)
-        paint(axes, brace.vertices, brace.triangles[_near_side(brace, towards)], BRACE, towards)
+        near = _near_side(brace.vertices, brace.triangles, towards)
+        paint(axes, brace.vertices, brace.triangles[near], BRACE, towards)
         if reach is not None:
             axes.set(xlim=(-0.7 * reach, 0.7 * reach), ylim=(-reach, reach))
     return figure
 
 
-def _near_side(brace: Solid, towards: tuple[float, float, float]) -> Bool[Array, " triangle"]:
-    """Triangles on the camera's side of the limb; the leg hides the others."""
-    middle = brace.vertices[brace.triangles].mean(axis=1)
-    level = np.clip(((middle[:, 1] - middle[:, 1].min()) / 20.0).astype(int), 0, None)
+def _near_side(
+    vertices: Float[Array, "vertex 3"],
+    triangles: Int[Array, "triangle 3"],
+    towards: tuple[float, float, float],
+) -> Bool[Array, " triangle"]:
+    """Triangles on the camera's side of the limb's axis; the leg hides the others."""
+    middle = vertices[triangles].mean(axis=1)
+    level = ((middle[:, 1] - middle[:, 1].min()) / 20.0).astype(int)
     count = np.bincount(level).clip(1)
     axis = np.stack([np.bincount(level, middle[:, k]) / count for k in range(3)], axis=1)
     return (middle - axis[level]) @ screen_axes(towards)[2] > 0.0
 
 
-def _four_sides(vertices: Array, triangles: Array, colours: object, joint: str) -> Figure:
+def _four_sides(
+    vertices: Float[Array, "vertex 3"],
+    triangles: Int[Array, "triangle 3"],
+    colours: Colours,
+    joint: str,
+    near_only: bool = False,
+) -> Figure:
     outer, inner = (RIGHT, LEFT) if joint.endswith("_r") else (LEFT, RIGHT)
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     views = (("front", FRONT), ("lateral", outer), ("back", BACK), ("medial", inner))
     for place, (name, towards) in enumerate(views):
         axes = figure.add_subplot(1, 4, place + 1)
-        paint(axes, vertices, triangles, colours, towards)  # pyright: ignore[reportArgumentType]
+        shown = triangles[_near_side(vertices, triangles, towards)] if near_only else triangles
+        paint(axes, vertices, shown, colours, towards)
         axes.set_title(name, fontsize=9, color=INK)
     return figure
 

@@ -11,6 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 Array = np.ndarray
+Colours = Float[Array, "triangle channel"] | tuple[float, float, float]
+"""One colour for all, or one per triangle."""
 
 FRONT = (1.0, 0.0, 0.0)
 BACK = (-1.0, 0.0, 0.0)
@@ -33,7 +35,7 @@ def paint(
     axes: Axes,
     vertices: Float[Array, "vertex 3"],
     triangles: Int[Array, "triangle 3"],
-    colours: Float[Array, "triangle channel"] | tuple[float, float, float] = SKIN,
+    colours: Colours = SKIN,
     towards: tuple[float, float, float] = FRONT,
     opacity: float = 1.0,
     shift: tuple[float, float] = (0.0, 0.0),
@@ -51,6 +53,7 @@ def paint(
     """
     right, up, near = screen_axes(towards)
     corners = vertices[triangles]
+    flat = np.stack([corners @ right + shift[0], corners @ up + shift[1]], axis=-1)
     facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ near
     base = np.broadcast_to(np.asarray(colours, dtype=float)[..., :3], (len(triangles), 3))
     light = near + 0.5 * up + 0.3 * right
@@ -58,10 +61,14 @@ def paint(
     brightness = 0.5 + 0.5 * np.clip(_smooth_normals(vertices, triangles) @ light, 0.0, 1.0)
     brightness = np.where(facing < 0, 0.45, brightness)
     order = np.argsort(corners.mean(axis=1) @ near, kind="stable")
-    flat = np.stack([corners @ right + shift[0], corners @ up + shift[1]], axis=-1)[order]
     shaded = np.clip(base * brightness[:, None], 0.0, 1.0)[order]
     collection = PolyCollection(
-        list(flat), facecolors=shaded, edgecolors=shaded, linewidths=0.25, alpha=opacity, rasterized=True
+        list(flat[order]),
+        facecolors=shaded,
+        edgecolors=shaded,
+        linewidths=0.25,
+        alpha=opacity,
+        rasterized=True,
     )
     axes.add_collection(collection)
     axes.set_aspect("equal")

@@ -7,7 +7,6 @@ import html
 import numpy as np
 import trimesh
 from jaxtyping import Float, Int
-from manifold3d import Manifold, Mesh64
 from matplotlib import colormaps
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -22,9 +21,6 @@ from hilbrace.report.figures import BRACE, FIELD, SKIN
 from hilbrace.units import MM_PER_M
 
 Array = np.ndarray
-
-VIEW_TOLERANCE_MM = 0.25
-"""How far the view's mesh may lie from the solid [mm]; the exported files are not touched."""
 
 LIFT_MM = 3.0
 """The field is drawn this far above the skin, which the coarser mesh of the leg would else pierce [mm]."""
@@ -49,13 +45,12 @@ def turnable(body: Body, domain: Domain, design: Design, brace: Solid) -> str:
     shift = np.array([0.0, 0.0, -(1.1 * np.ptp(leg_vertices[:, 2]) + 60.0)])
     smooth = trimesh.Trimesh(domain.vertices, domain.triangles, process=False).vertex_normals
     lifted = domain.vertices + LIFT_MM * smooth
-    vertices, triangles = _lighter(brace)
     colours = colormaps[FIELD](design.d_triangle)[:, :3]
     scene = trimesh.Scene()
     scene.add_geometry(_coloured(leg_vertices, leg_triangles, SKIN), "leg with the field")
     scene.add_geometry(_coloured(lifted, domain.triangles, colours), "design variable")
     scene.add_geometry(_coloured(leg_vertices + shift, leg_triangles, SKIN), "leg with the brace")
-    scene.add_geometry(_coloured(vertices + shift, triangles, BRACE), "brace")
+    scene.add_geometry(_coloured(brace.vertices + shift, brace.triangles, BRACE), "brace")
     scene.apply_transform(TO_FRONT)
     page = scene_to_html(scene).replace(ADDED, ADDED + DULL)
     return f'<iframe class="turnable" title="turnable view" srcdoc="{html.escape(page)}"></iframe>'
@@ -78,12 +73,6 @@ def leg_around(body: Body, joint: str) -> tuple[Float[Array, "vertex 3"], Int[Ar
     _, part = connected_components(coo_array(edges, size) + coo_array(more, size), directed=False)
     own = part[np.argmin(np.linalg.norm(vertices, axis=1))]
     return compact(vertices, triangles, part[triangles[:, 0]] == own)
-
-
-def _lighter(brace: Solid) -> tuple[Array, Array]:
-    mesh = Mesh64(vert_properties=brace.vertices, tri_verts=brace.triangles.astype(np.uint64))
-    simple = Manifold(mesh).simplify(VIEW_TOLERANCE_MM).to_mesh64()
-    return np.asarray(simple.vert_properties)[:, :3], np.asarray(simple.tri_verts).astype(np.int64)
 
 
 def _coloured(vertices: Array, triangles: Array, colours: object) -> trimesh.Trimesh:

@@ -1,0 +1,21 @@
+"""A lighter mesh of the solid for pictures; the exported files are not touched."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from manifold3d import Manifold, Mesh64
+
+from hilbrace.pattern.pattern import Solid
+
+TOLERANCE_MM = 0.3
+"""How far the pictures' mesh may lie from the solid [mm]."""
+
+
+def lighter(brace: Solid) -> Solid:
+    """The solid with flat parts in larger triangles."""
+    mesh = Mesh64(vert_properties=brace.vertices, tri_verts=brace.triangles.astype(np.uint64))
+    simple = Manifold(mesh).simplify(TOLERANCE_MM).to_mesh64()
+    vertices = np.asarray(simple.vert_properties)[:, :3]
+    return replace(brace, vertices=vertices, triangles=np.asarray(simple.tri_verts).astype(np.int64))

@@ -44,7 +44,8 @@ class JointOfModel(NamedTuple):
     Attributes:
         distal: Body that carries the frame of the loads.
         below: Bodies below the joint, the distal one included.
-        coordinates: Coordinates of flexion, adduction and rotation; the ankle has two.
+        coordinates: Coordinates of flexion, adduction and rotation; the ankle has two, or one where the
+            model's subtalar joint is stiff.
         movers: Body whose turn shows the axis of each coordinate.
         foot: Name of the foot below.
     """
@@ -56,15 +57,28 @@ class JointOfModel(NamedTuple):
     foot: str
 
 
-def joint_of_model(joint: str) -> JointOfModel:
-    """Names of the bodies and coordinates of ``"knee_r"``, ``"ankle_l"``, ..."""
+def joint_of_model(joint: str, inversion: bool = True) -> JointOfModel:
+    """Names of the bodies and coordinates of ``"knee_r"``, ``"ankle_l"``, ...
+
+    Args:
+        joint: One of `JOINTS`.
+        inversion: Whether the model's subtalar joint moves.
+    """
     name, side = joint.split("_")
     tibia, talus, calcn, toes = (f"{body}_{side}" for body in ("tibia", "talus", "calcn", "toes"))
     if name == "knee":
         turns = tuple(f"knee_{motion}_{side}" for motion in ("angle", "adduction", "rotation"))
         return JointOfModel(tibia, (tibia, talus, calcn, toes), turns, (tibia,) * 3, SIDE[side])
-    turns = (f"ankle_angle_{side}", f"subtalar_angle_{side}")
-    return JointOfModel(talus, (talus, calcn, toes), turns, (talus, calcn), SIDE[side])
+    turns, movers = (f"ankle_angle_{side}", f"subtalar_angle_{side}"), (talus, calcn)
+    count = 2 if inversion else 1
+    return JointOfModel(talus, (talus, calcn, toes), turns[:count], movers[:count], SIDE[side])
+
+
+def joints_of_model(figures: ModelFigures) -> tuple[JointOfModel, ...]:
+    """Where a model has each of `JOINTS`."""
+    return tuple(
+        joint_of_model(joint, f"subtalar_angle_{joint[-1]}" in figures.coordinates) for joint in JOINTS
+    )
 
 
 def compute_joint_loads(
@@ -112,7 +126,7 @@ def compute_joint_loads(
         fitted = follow(engine, figures, trial, markers, start, hold, progress)
         smooth = lowpass(fitted.coordinates, trial.rate_hz, motion.cutoff_hz)
         poses = engine.call("poses", coordinates=smooth)
-        joints = [joint_of_model(joint) for joint in JOINTS]
+        joints = joints_of_model(figures)
         moving = tuple(name for joint in joints for name in joint.coordinates)
         watched = tuple(dict.fromkeys(name for joint in joints for name in joint.below))
         partial = engine.call("partial_velocities", coordinates=smooth, moving=moving, bodies=watched)
@@ -146,7 +160,7 @@ class _Moved(NamedTuple):
 
 def _check_own_model(figures: ModelFigures, mass_kg: float, path: str) -> tuple[str, ...]:
     """A user's model must have the joints that we read, and the subject's size."""
-    joints = [joint_of_model(joint) for joint in JOINTS]
+    joints = joints_of_model(figures)
     lacking = [n for joint in joints for n in joint.coordinates if n not in figures.coordinates]
     lacking += [n for joint in joints for n in joint.below if n not in figures.bodies]
     if lacking:
@@ -185,8 +199,7 @@ def _loads(
     shape = (len(trial.time), len(JOINTS), 3)
     angles, force, moment = np.zeros(shape), np.empty(shape), np.empty(shape)
     axes, inertia, rotation = np.empty((*shape, 3)), np.empty((*shape, 3)), np.empty((*shape, 3))
-    for k, name in enumerate(JOINTS):
-        joint = joint_of_model(name)
+    for k, joint in enumerate(joints_of_model(figures)):
         to_distal = np.swapaxes(model.rotation(joint.distal), -1, -2)
         wrench = dynamics.net_load(
             segments,
@@ -250,15 +263,23 @@ def _axes_and_inertia(
     arms = segments.centres[:, bodies] - model.origins[:, bodies]
     shift = shift + np.cross(turn, arms[..., None], axis=2)
     axes = [turn[:, joint.below.index(mover), :, k] for k, mover in enumerate(joint.movers)]
-    if len(axes) == 2:
-        third = np.cross(axes[0], axes[1])
-        third /= np.linalg.norm(third, axis=1, keepdims=True)
-        lever = segments.centres[:, bodies] - model.joint_centre(joint.distal)[:, None]
-        axes.append(third)
-        every = np.broadcast_to(third[:, None], lever.shape)
-        turn = np.concatenate([turn, every[..., None]], axis=-1)
-        shift = np.concatenate([shift, np.cross(every, lever)[..., None]], axis=-1)
+    lever = segments.centres[:, bodies] - model.joint_centre(joint.distal)[:, None]
+    while len(axes) < 3:
+        axes.append(_further_axis(axes, model.rotation(joint.distal)[..., 0]))
+        rigid = np.broadcast_to(axes[-1][:, None], lever.shape)
+        turn = np.concatenate([turn, rigid[..., None]], axis=-1)
+        shift = np.concatenate([shift, np.cross(rigid, lever)[..., None]], axis=-1)
     tensors = dynamics.inertia_in_ground(model.rotations[:, bodies], figures.inertias[bodies])
     unit = np.stack(axes, axis=1)
     unit = unit / np.linalg.norm(unit, axis=2, keepdims=True)
     return unit, dynamics.generalised_inertia(turn, shift, figures.masses[bodies], tensors)
+
+
+def _further_axis(axes: list[Array], anterior: Float[Array, "frame 3"]) -> Float[Array, "frame 3"]:
+    """A unit axis that the model does not turn about: anterior beside one axis, normal to two."""
+    if len(axes) == 2:
+        axis = np.cross(axes[0], axes[1])
+    else:
+        unit = axes[0] / np.linalg.norm(axes[0], axis=1, keepdims=True)
+        axis = anterior - (anterior * unit).sum(axis=1, keepdims=True) * unit
+    return axis / np.linalg.norm(axis, axis=1, keepdims=True)

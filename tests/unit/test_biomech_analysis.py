@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hilbrace.biomech import dynamics
-from hilbrace.biomech.analysis import compute_joint_loads, joint_of_model
+from hilbrace.biomech.analysis import _further_axis, compute_joint_loads, joint_of_model
 from hilbrace.biomech.joint_loads import JOINTS, JointLoads
 from hilbrace.biomech.loads_csv import write_joint_loads_csv
 from hilbrace.body.body import Body
@@ -268,3 +268,15 @@ def test_an_unscaled_model_of_the_user_is_refused(drop_jump, shared_data):
     model = shared_data / "opencap_subject4" / "models" / "unscaled_generic.osim"
     with pytest.raises(InputError, match=r"75\.3 kg, the subject 62\.6 kg"):
         analyse(trial, body_of({}, trial.mass_kg), "opencap", model)
+
+
+def test_a_model_with_stiff_subtalar_joints_has_unit_axes_and_a_definite_inertia(loads):
+    """Axes that a model lacks are filled in, so that nobody downstream divides by zero."""
+    flexion = loads.joint_axes[:, JOINTS.index("ankle_r"), 0]
+    anterior = np.broadcast_to([1.0, 0.0, 0.0], flexion.shape)
+    second = _further_axis([flexion], anterior)
+    third = _further_axis([flexion, second], anterior)
+    frame = np.stack([flexion, second, third], axis=1)
+    assert np.allclose(frame @ np.swapaxes(frame, 1, 2), np.eye(3), atol=1e-9)
+    assert (second[:, 0] > 0.5).all()
+    assert joint_of_model("ankle_l", inversion=False).coordinates == ("ankle_angle_l",)

@@ -4,8 +4,8 @@ Run once per motion; the coefficients are stored beside this module and only eva
 
     python -m hilbrace.motion.synthetic.optimise serve
 
-The squat and the gait reach their stored cost from the reference; the serve's was lowered further by starting
-again from what was stored (``--warm``).
+From the reference the gait ends within a fifth of its stored cost (40 iterations) and the serve at 1.7 times;
+both were lowered to what is stored by starting again from there (``--warm``).
 
 Least squares by Levenberg and Marquardt's method. What counts is a moment that the ground can supply: none in
 flight; in stance one whose centre of pressure lies in the feet, with friction inside its cone.

@@ -20,7 +20,7 @@ Array = np.ndarray
 DENSITY = 1010.0
 """Density of the whole body in quiet breathing [kg/m^3]."""
 
-STEPS = 8
+STEPS = 4
 _LEVEL = 0.012
 """Half the thickness of the slice in which a breadth is taken [m]."""
 
@@ -89,11 +89,11 @@ def measure(model: AnnyLite, shape: Float[Array, " coefficient"]) -> dict[str, F
     inner to the outer side of the skin at the joint [m], and the logarithm of the ``"volume"`` in m^3.
     """
     vertices, joints = model.vertices(shape), model_joints(model, model.heads(shape))
-    moves = [model_joints(model, move) for move in model.head_directions]
+    moves = _arrows(model_joints(model, model.head_directions))
     figures = {}
     for name, arrow in _arrows(joints).items():
         length = float(np.linalg.norm(arrow))
-        figures[name] = Figure(length, np.array([_arrows(m)[name] @ arrow for m in moves]) / length)
+        figures[name] = Figure(length, moves[name] @ arrow / length)
     crown, sole = int(vertices[:, 1].argmax()), int(vertices[:, 1].argmin())
     spans = {"height": (crown, sole, np.array([0.0, 1.0, 0.0]))}
     spans |= {f"{joint} breadth": _across(model, joint) for joint in ("knee", "ankle")}
@@ -111,10 +111,10 @@ def enclosed_volume(
 ) -> tuple[float, Float[Array, "vertex 3"]]:
     """Volume inside a closed surface, and its gradient by the vertices."""
     a, b, c = (vertices[corner] for corner in triangles.T)
-    gradient = np.zeros_like(vertices)
-    for corner, (u, v) in zip(triangles.T, ((b, c), (c, a), (a, b)), strict=True):
-        np.add.at(gradient, corner, np.cross(u, v) / 6.0)
-    return float((np.cross(a, b) * c).sum() / 6.0), gradient
+    pull = np.concatenate([np.cross(b, c), np.cross(c, a), np.cross(a, b)]) / 6.0
+    corners = triangles.T.ravel()
+    gradient = np.stack([np.bincount(corners, axis, len(vertices)) for axis in pull.T], axis=1)
+    return float((pull[: len(a)] * a).sum()), gradient
 
 
 def _across(model: AnnyLite, joint: str) -> tuple[int, int, Float[Array, " 3"]]:
@@ -130,7 +130,7 @@ def _across(model: AnnyLite, joint: str) -> tuple[int, int, Float[Array, " 3"]]:
     return int(level[across.argmax()]), int(level[across.argmin()]), direction
 
 
-def _arrows(joints: dict[str, Float[Array, " 3"]]) -> dict[str, Float[Array, " 3"]]:
+def _arrows(joints: dict[str, Float[Array, "*batch 3"]]) -> dict[str, Float[Array, "*batch 3"]]:
     """Vectors whose lengths describe a person; means of both sides, left mirrored onto right."""
     flip = np.array([1.0, 1.0, -1.0])
     mean = {

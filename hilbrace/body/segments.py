@@ -86,7 +86,9 @@ _ORIGINS = {
 }
 
 
-def model_joints(model: AnnyLite, heads: Float[Array, "bone 3"]) -> dict[str, Float[Array, " 3"]]:
+def model_joints(
+    model: AnnyLite, heads: Float[Array, "*batch bone 3"]
+) -> dict[str, Float[Array, "*batch 3"]]:
     """Joint centres of the body model, by name and side (``"hip_r"``), from its bone heads [m].
 
     Linear in the heads. The hip is moved inward by `HIP_INWARD` and forward to above the knee, where it lies
@@ -94,13 +96,13 @@ def model_joints(model: AnnyLite, heads: Float[Array, "bone 3"]) -> dict[str, Fl
     markers on the pelvis then hang behind the skin.
     """
     joints = {
-        f"{joint}_{side}": heads[model.bone_names.index(f"{bone}.{side.upper()}")]
+        f"{joint}_{side}": heads[..., model.bone_names.index(f"{bone}.{side.upper()}"), :]
         for side in SIDES
         for joint, bone in _HEADS.items()
     }
     for side in SIDES:
-        _, height, lateral = joints[f"hip_{side}"]
-        joints[f"hip_{side}"] = np.array([joints[f"knee_{side}"][0], height, HIP_INWARD * lateral])
+        hip, knee = joints[f"hip_{side}"], joints[f"knee_{side}"]
+        joints[f"hip_{side}"] = np.stack([knee[..., 0], hip[..., 1], HIP_INWARD * hip[..., 2]], axis=-1)
     return joints
 
 

@@ -21,6 +21,8 @@ Array = np.ndarray
 RINGS = 3
 """Rings of triangles kept around the bound points, so that the rim of the patch does not show inside."""
 SUBDIVISIONS = 2
+LEAST_AREA = 1e-14
+"""Twice the area below which a triangle counts as without area [m^2]."""
 
 
 def smoothed_weights(
@@ -45,13 +47,13 @@ def smoothed_weights(
     """
     if length == 0.0:
         return weights / weights.sum(axis=1, keepdims=True)
-    stiffness = igl.cotmatrix(vertices, triangles)
-    mass = igl.massmatrix(vertices, triangles, igl.MASSMATRIX_TYPE_VORONOI)
-    spread = splu(sparse.csc_matrix(mass - length**2 * stiffness)).solve(mass @ weights)
-    if not np.isfinite(spread).all():
+    if np.min(igl.doublearea(vertices, triangles)) <= LEAST_AREA:
         raise GeometryError(
             "weights cannot be smoothed", where="skin", hint="remove triangles without area from the skin"
         )
+    stiffness = igl.cotmatrix(vertices, triangles)
+    mass = igl.massmatrix(vertices, triangles, igl.MASSMATRIX_TYPE_VORONOI)
+    spread = splu(sparse.csc_matrix(mass - length**2 * stiffness)).solve(mass @ weights)
     spread = np.clip(spread, 0.0, None)
     return spread / spread.sum(axis=1, keepdims=True)
 

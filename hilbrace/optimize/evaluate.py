@@ -85,7 +85,11 @@ class Evaluation:
 
 
 def design_variable(
-    problem: Problem, place: Place, firm: Float[Tensor, " point"], theta: Tensor, bias: Tensor
+    problem: Problem,
+    place: Place,
+    firm: Float[Tensor, " point"],
+    theta: Float[Tensor, "row column"],
+    bias: Float[Tensor, ""],
 ) -> Float[Tensor, " point"]:
     """The field, projected into the range that can be cast (paper, Sec. Network Architecture).
 
@@ -130,7 +134,9 @@ def mechanics_of(problem: Problem, modulus: Float[Tensor, " triangle"]) -> Mecha
     return Mechanics(response, about_joint, angle_change(problem.motion, along))
 
 
-def evaluate(problem: Problem, firm: Firmness, theta: Tensor, bias: Tensor) -> Evaluation:
+def evaluate(
+    problem: Problem, firm: Firmness, theta: Float[Tensor, "row column"], bias: Float[Tensor, ""]
+) -> Evaluation:
     """Losses of a field.
 
     Args:

@@ -138,7 +138,7 @@ def segment_by_energy(problem: Problem) -> Bool[Array, " triangle"]:
     return segment(problem.unit_energy.numpy(), problem.areas.numpy(), domain.triangles, domain.vertices)
 
 
-def level_for_volume(problem: Problem, firm: Firmness, theta: Tensor) -> float:
+def level_for_volume(problem: Problem, firm: Firmness, theta: Float[Tensor, "row column"]) -> float:
     """Level at which the field has the target volume, by bisection."""
     low, high = -12.0, 12.0
     for _ in range(60):

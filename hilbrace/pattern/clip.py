@@ -126,7 +126,9 @@ def solid_fraction(
     return float((part * areas).sum() / areas.sum())
 
 
-def triangle_areas(vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]) -> Array:
+def triangle_areas(
+    vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]
+) -> Float[Array, " triangle"]:
     """Areas of triangles [mm^2]."""
     p = vertices[triangles]
     return np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1) / 2

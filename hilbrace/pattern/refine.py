@@ -38,7 +38,9 @@ class RefinedSkin:
     upper_edges: int
     edge_mm: float
 
-    def from_vertices(self, triangles: Int[Array, "triangle 3"], value: Float[Array, " corner"]) -> Array:
+    def from_vertices(
+        self, triangles: Int[Array, "triangle 3"], value: Float[Array, " corner"]
+    ) -> Float[Array, " vertex"]:
         """Values at the refined vertices, linear in the domain's triangles.
 
         Args:

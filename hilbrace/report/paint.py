@@ -23,7 +23,9 @@ LEFT = (0.0, 0.0, -1.0)
 SKIN = (0.86, 0.79, 0.73)
 
 
-def screen_axes(towards: tuple[float, float, float]) -> tuple[Array, Array, Array]:
+def screen_axes(
+    towards: tuple[float, float, float],
+) -> tuple[Float[Array, "3"], Float[Array, "3"], Float[Array, "3"]]:
     """Unit vectors right, up and towards the camera of a view; up is as close to +y as it can be."""
     near = np.asarray(towards, dtype=float) / np.linalg.norm(towards)
     right = np.cross((0.0, 1.0, 0.0), near)

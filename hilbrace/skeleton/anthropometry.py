@@ -177,7 +177,9 @@ def measure_segments(landmarks: Landmarks, table: Table, height_m: float = 0.0) 
     )
 
 
-def hip_centres(landmarks: Landmarks, skeleton: Skeleton, pelvis_factor: float) -> dict[str, Array]:
+def hip_centres(
+    landmarks: Landmarks, skeleton: Skeleton, pelvis_factor: float
+) -> dict[str, Float[Array, " 3"]]:
     """Hip centres of the scaled pelvis laid on the pelvis markers by least squares.
 
     Args:

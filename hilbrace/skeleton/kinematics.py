@@ -193,7 +193,9 @@ class Skeleton:
         """The pose with one leg renewed from thigh to heel (`LEG`); ``side`` is ``"r"`` or ``"l"``."""
         return self.advance(q, pose, [f"{body}_{side}" for body in LEG])
 
-    def point(self, pose: Pose, body: str, location: Float[Array, " 3"] | Sequence[float]) -> Array:
+    def point(
+        self, pose: Pose, body: str, location: Float[Array, " 3"] | Sequence[float]
+    ) -> Float[Array, "frame 3"]:
         """A point fixed in a body, in the ground [m], one row per frame."""
         rotation, origin = pose[body]
         return origin + rotation @ np.asarray(location, dtype=float)

@@ -19,11 +19,11 @@ Array = np.ndarray
 class JointFunction(Protocol):
     """A smooth function of one coordinate."""
 
-    def __call__(self, x: Array) -> Array:
+    def __call__(self, x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """Value at ``x``."""
         ...
 
-    def slope(self, x: Array) -> Array:
+    def slope(self, x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """First derivative at ``x``."""
         ...
 
@@ -35,11 +35,11 @@ class Linear:
     a: float
     b: float
 
-    def __call__(self, x: Array) -> Array:
+    def __call__(self, x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """Value at ``x``."""
         return self.a * np.asarray(x) + self.b
 
-    def slope(self, x: Array) -> Array:
+    def slope(self, x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """First derivative at ``x``."""
         return np.full(np.shape(x), self.a)
 
@@ -60,12 +60,12 @@ class SimmSpline:
     knots: Float[Array, " knot"]
     coefficients: Float[Array, "knot 4"]
 
-    def __call__(self, x: Array) -> Array:
+    def __call__(self, x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """Value at ``x``."""
         (value, slope, half_second, sixth_third), step = self._interval(x)
         return value + step * (slope + step * (half_second + step * sixth_third))
 
-    def slope(self, x: Array) -> Array:
+    def slope(self, x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """First derivative at ``x``."""
         (_, slope, half_second, sixth_third), step = self._interval(x)
         return slope + step * (2.0 * half_second + 3.0 * step * sixth_third)

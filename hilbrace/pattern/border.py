@@ -16,6 +16,7 @@ from hilbrace.pattern.refine import RefinedSkin
 Array = np.ndarray
 
 _NEIGHBOURS = 64
+_NEAR_FACING = 0.6
 _FACING = 0.9
 """Cosine of the angle to both normals up to which two places of the border face each other."""
 
@@ -117,11 +118,23 @@ def _facing_distance(edge: Border, normal: Float[Array, "segment 3"], reach_mm: 
     _, near = KDTree(middle).query(middle, k=count, distance_upper_bound=reach_mm)
     known = near < len(middle)
     near = np.where(known, near, 0)
-    away = _foot(middle[:, None], edge.start[near], edge.end[near]) - middle[:, None]
-    distance = np.linalg.norm(away, axis=2)
-    ahead = (away * normal[:, None]).sum(axis=2) > _FACING * distance
-    behind = -(away * normal[near]).sum(axis=2) > _FACING * distance
-    return np.where(known & ahead & behind & (distance > 0), distance, reach_mm).min(axis=1)
+    place, other = np.nonzero(known & (_cosine(middle, near, normal) > _NEAR_FACING))
+    other = near[place, other]
+    away = _foot(middle[place], edge.start[other], edge.end[other]) - middle[place]
+    distance = np.linalg.norm(away, axis=1)
+    ahead = (away * normal[place]).sum(axis=1) > _FACING * distance
+    behind = -(away * normal[other]).sum(axis=1) > _FACING * distance
+    facing = ahead & behind & (distance > 0)
+    width = np.full(len(middle), reach_mm)
+    np.minimum.at(width, place[facing], distance[facing])
+    return width
+
+
+def _cosine(middle: Array, near: Array, normal: Array) -> Array:
+    """Cosine between the normal of each place and the direction to each of its neighbours."""
+    away = middle[near] - middle[:, None]
+    ahead = np.einsum("pnx,px->pn", away, normal)
+    return ahead / np.maximum(np.sqrt(np.einsum("pnx,pnx->pn", away, away)), 1e-30)
 
 
 def _foot(point: Array, start: Array, end: Array) -> Array:

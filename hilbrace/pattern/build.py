@@ -10,7 +10,7 @@ from hilbrace.domain.domain import Domain
 from hilbrace.optimize.design import Design
 from hilbrace.pattern.border import border, hole_numbers, strut_widths
 from hilbrace.pattern.checks import is_watertight, measured_thickness, part_count, spread_sample
-from hilbrace.pattern.clean import clean, drop_islands, widen_and_prune
+from hilbrace.pattern.clean import clean, drop_islands, shave_bumps, widen_and_prune
 from hilbrace.pattern.clip import ZeroLine, cut_out, solid_fraction, triangle_areas, zero_line
 from hilbrace.pattern.implicit import BlendedPattern, blended_pattern
 from hilbrace.pattern.pattern import Pattern, Solid
@@ -60,9 +60,9 @@ def build_pattern(
         if widths.min() >= settings.min_strut_mm:
             break
         wider = (STRUT_MARGIN + 0.04 * extra) * settings.min_strut_mm
-        line, widths = _measured(
-            skin, widen_and_prune(skin, line, blended.rim_depth, wider), settings.min_strut_mm
-        )
+        depth = shave_bumps(skin, line, blended.rim_depth, settings.min_strut_mm)
+        depth = widen_and_prune(skin, zero_line(skin, depth), blended.rim_depth, wider)
+        line, widths = _measured(skin, depth, settings.min_strut_mm)
     struts = cut_out(skin, line)
     return Pattern(
         vertices=struts.vertices,

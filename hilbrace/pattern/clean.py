@@ -31,10 +31,12 @@ BUMP = 0.8
 """Diameter of the disc that smooths the struts, as a share of their least width [-]."""
 SMOOTHING = 4
 """Passes that smooth the border where the clean-up moved it [-]."""
+MOVED_MM = 0.3
+"""Distance from the border above which a vertex that changes sides is a sign of more than widening [mm]."""
 ROLL_TOLERANCE_MM = 0.05
 """How far the border may reach into the disc that closes slits [mm]."""
-_SPACING = 2
-"""Steps from the middle of a triangle to where the axis leaves it."""
+_STEPS = np.array([0.25, 0.75])
+"""Where points of the axis lie between the middle of a triangle and where the axis leaves it [-]."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,11 @@ def clean(
     depth = fill_specks(skin, zero_line(skin, depth), areas, slit_mm)
     depth = widen_and_prune(skin, zero_line(skin, depth), rim_depth, strut_mm)
     depth = close_slits(skin, zero_line(skin, depth), slit_mm)
+    axis = strut_axis(skin, zero_line(skin, depth))
     depth = shave_bumps(skin, zero_line(skin, depth), rim_depth, BUMP * strut_mm)
-    depth = smooth_border(skin, zero_line(skin, depth), rim_depth, (depth > 0) != (given > 0))
+    changed = ((depth > 0) != (given > 0)) & (np.abs(given) > MOVED_MM)
+    depth = smooth_border(skin, zero_line(skin, depth), rim_depth, changed)
+    depth = widen(skin, depth, axis, strut_mm)
     depth = widen_and_prune(skin, zero_line(skin, depth), rim_depth, strut_mm)
     return fill_specks(skin, zero_line(skin, depth), areas, slit_mm)
 
@@ -98,9 +103,29 @@ def widen_and_prune(
     axis = strut_axis(skin, line)
     if not len(axis.points):
         return line.depth
-    widened = np.maximum(line.depth, strut_mm / 2 - KDTree(axis.points).query(skin.vertices)[0])
-    reached = depth_in_balls(skin.vertices, axis.points, np.maximum(axis.radius, strut_mm / 2) + STUB_MM)
-    return np.maximum(np.minimum(widened, reached), rim_depth)
+    radius = np.maximum(axis.radius, strut_mm / 2) + STUB_MM
+    depth = widen(skin, line.depth, axis, strut_mm)
+    solid = depth > 0
+    distance, near = KDTree(axis.points).query(skin.vertices[solid])
+    reached = np.full(len(depth), np.inf)
+    reached[solid] = radius[near] - distance
+    doubtful = solid & (reached < 2 * skin.edge_mm)
+    reached[doubtful] = depth_in_balls(skin.vertices[doubtful], axis.points, radius)
+    return np.maximum(np.minimum(depth, reached), rim_depth)
+
+
+def widen(
+    skin: RefinedSkin, depth: Float[Array, " vertex"], axis: StrutAxis, strut_mm: float
+) -> Float[Array, " vertex"]:
+    """Add discs of diameter ``strut_mm`` along the axis of the struts.
+
+    Returns:
+        The new depth at the vertices [mm].
+    """
+    if not len(axis.points):
+        return depth
+    distance = KDTree(axis.points).query(skin.vertices, distance_upper_bound=strut_mm)[0]
+    return np.maximum(depth, strut_mm / 2 - distance)
 
 
 def close_slits(skin: RefinedSkin, line: ZeroLine, slit_mm: float) -> Float[Array, " vertex"]:
@@ -305,6 +330,5 @@ def _equidistant_segments(
     t = np.clip(np.where(np.abs(change) > 1e-12, at_a / np.where(change == 0, 1, change), 0.5), 0, 1)
     crossing = x + t[..., None] * (y - x)
     centre = (crossing * differs[..., None]).sum(axis=1) / differs.sum(axis=1)[:, None]
-    steps = np.arange(_SPACING + 1) / _SPACING
-    rays = centre[:, None, None] + steps[:, None] * (crossing - centre[:, None])[:, :, None]
+    rays = centre[:, None, None] + _STEPS[:, None] * (crossing - centre[:, None])[:, :, None]
     return rays[differs].reshape(-1, 3)

@@ -1,6 +1,6 @@
 """The two microstructures as one signed depth on the refined skin.
 
-The paper blends the distance fields, ``(1 - s) f_soft + s f_firm`` (Eq. 5). That sum is small only where two
+The paper blends the distance fields, ``(1 - s) f_soft + s f_firm`` (Eq. 6). That sum is small only where two
 skeletons happen to meet: homogenized for our cells at equal volume, its modulus is zero for ``s`` between 0.3
 and 0.7, and a brace cut by it falls into two rings. Where the firm fraction ``s`` is near one half we lay the
 two patterns over each other instead, each ending a little way inside the other's region, and leave it to the

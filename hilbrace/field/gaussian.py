@@ -1,6 +1,6 @@
 """The neural field of the design: one layer of Gaussian neurons over the flat map.
 
-The paper (Sec. Network Architecture) writes the field as ``sum_i w_i psi_i(u, v)`` with
+The paper (Sec. 6, Eq. 7) writes the field as ``sum_i w_i psi_i(u, v)`` with
 ``psi_i = exp(-sigma^2 ((u - u_i)^2 + (v - v_i)^2))``, 100 x 100 centres on the unit square and
 ``sum_i w_i = 1`` (after Qian et al. 2023). A Gaussian is a product of one factor in u and one in v, and a row
 of 100 wide Gaussians spans far fewer than 100 directions; so the field is evaluated through the few singular

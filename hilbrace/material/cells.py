@@ -72,8 +72,8 @@ def skeleton(name: str) -> Float[Array, "segment 2 2"]:
 def fold(coordinate: Float[Array, "*shape"], scale: float) -> Float[Array, "*shape"]:
     """Fold a coordinate of the flat map into the mirrored unit cell.
 
-    The triangle wave equals the paper's ``arccos(cos(2 pi u / s)) / pi`` (Eq. 4) without its loss of digits
-    at the mirror lines.
+    The triangle wave equals the paper's ``arccos(cos(2 pi u / s)) / pi`` (below Eq. 5) without its loss of
+    digits at the mirror lines.
 
     Args:
         coordinate: ``u`` or ``v`` of the flat map.

@@ -115,7 +115,7 @@ class Microstructures:
 
 
 def blend(firm_fraction: Any, soft: Any, firm: Any) -> Any:
-    """Weighted mean of a soft and a firm value (paper, Eq. 5)."""
+    """Weighted mean of a soft and a firm value (paper, Eq. 6)."""
     return (1.0 - firm_fraction) * soft + firm_fraction * firm
 
 

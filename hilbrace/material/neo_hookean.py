@@ -1,4 +1,4 @@
-"""Elastic energy density of the skin's deformation (paper, Eq. 3)."""
+"""Elastic energy density of the skin's deformation (paper, Eq. 4)."""
 
 from __future__ import annotations
 

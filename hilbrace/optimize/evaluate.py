@@ -91,7 +91,7 @@ def design_variable(
     theta: Float[Tensor, "row column"],
     bias: Float[Tensor, ""],
 ) -> Float[Tensor, " point"]:
-    """The field, projected into the range that can be cast (paper, Sec. Network Architecture).
+    """The field, projected into the range that can be cast (paper, Sec. 6).
 
     Args:
         problem: The design task.

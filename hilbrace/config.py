@@ -138,7 +138,7 @@ class OptimizeSettings(Section):
     seed: int = Field(default=0, description="seed of everything random")
     iterations: int = Field(default=100, ge=1, le=10000, description="iterations")
     learning_rate: float = Field(default=0.3, gt=0, description="step of Adam")
-    sigma: float = Field(default=10.0, gt=0, description="sharpness of the Gaussians (paper: 4)")
+    sigma: float = Field(default=20.0, gt=0, description="sharpness of the Gaussians (paper: 4)")
     volume_fraction: float = Field(default=0.4, gt=0.1, lt=0.65, description="target volume fraction [-]")
     weights: LossWeights = LossWeights()
     p_norm: float = Field(default=20.0, ge=1, description="exponent of the worst-frame norm")

@@ -23,7 +23,7 @@ from hilbrace.units import MM_PER_M
 Array = np.ndarray
 
 LIFT_MM = 3.0
-"""The field is drawn this far above the skin, which the coarser mesh of the leg would else pierce [mm]."""
+"""The field is drawn this far above the skin, and the leg as far below it: its coarser mesh would pierce [mm]."""
 
 THIGH, SHANK = 0.72, 0.85
 """Parts of the thigh and the shank that are shown [-]."""
@@ -33,7 +33,7 @@ TO_FRONT = np.array([[0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0
 
 ADDED = "scene.add(gltf.scene);"
 DULL = (
-    "scene.add(new THREE.AmbientLight(0xffffff,0.55));tracklight.intensity=0.85;"
+    "scene.add(new THREE.AmbientLight(0xffffff,0.35));tracklight.intensity=0.7;"
     "gltf.scene.traverse(function(o){if(o.material){o.material.metalness=0;o.material.roughness=1;}});"
 )
 """Said to the viewer once the scene is there: its default material is metal, and looks black."""
@@ -42,6 +42,8 @@ DULL = (
 def turnable(body: Body, domain: Domain, design: Design, brace: Solid) -> str:
     """An ``<iframe>`` with the leg twice: with the design variable, and with the solid brace."""
     leg_vertices, leg_triangles = leg_around(body, domain.joint)
+    inward = trimesh.Trimesh(leg_vertices, leg_triangles, process=False).vertex_normals
+    leg_vertices = leg_vertices - LIFT_MM * inward
     shift = np.array([0.0, 0.0, -(1.1 * np.ptp(leg_vertices[:, 2]) + 60.0)])
     smooth = trimesh.Trimesh(domain.vertices, domain.triangles, process=False).vertex_normals
     lifted = domain.vertices + LIFT_MM * smooth

@@ -53,8 +53,8 @@ def shell_response(
 ) -> ShellResponse:
     """Compliance and reactions of every frame and the loop stiffness, differentiable by modulus and forces.
 
-    One factorisation and 3 + 12 solves, whatever the number of frames (paper, Eq. of the time-variant
-    topology optimization: K U = F_acting; compliance here is 1/2 F . U).
+    One factorisation and 3 + 12 solves, whatever the number of frames (paper, Eq. 2: K U = F_acting;
+    compliance here is 1/2 F . U).
 
     Args:
         modulus: Young's modulus of each triangle [MPa].

@@ -26,9 +26,9 @@ SUPPORT_UNIT = 0.2
 PRESERVED_SHARE = 0.6
 """Weight of the preserved angles within L1; the controlled ones have the rest [-].
 
-The paper adds squared angles, whose sizes differ by orders of magnitude here, and so leaves open what a degree
-of lost flexion is worth in degrees of adduction. These two numbers settle it: on a recorded drop jump and on
-the synthetic jump both sums improve, and the frontal stiffness stays above that of a uniform brace.
+The paper adds squared angles, whose sizes differ by orders of magnitude here, and so leaves open what a
+degree of lost flexion is worth in degrees of adduction. These two numbers settle it: on a recorded drop jump
+and on the synthetic jump both sums improve, and the frontal stiffness stays above that of a uniform brace.
 """
 
 

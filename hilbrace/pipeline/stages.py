@@ -35,12 +35,14 @@ def motion(inputs: Inputs) -> Outcome:
     settings = inputs.config.motion
     files = ()
     if settings.synthetic:
-        recording = inputs.folder / "recording"
-        recording.mkdir(exist_ok=True)
-        paths = write_recording(generate(settings.synthetic, rate_hz=SYNTHETIC_RATE_HZ), recording)
+        made = generate(settings.synthetic, rate_hz=SYNTHETIC_RATE_HZ)
+        paths = write_recording(made, inputs.folder / "recording")
         files = tuple(paths.values())
         source = {"markers": paths["c3d"], "static": paths["static_c3d"], "marker_map": "hilbrace"}
-        trial = read_trial(settings.model_copy(update=source), inputs.config.subject)
+        subject = inputs.config.subject
+        if subject.height_m is None:
+            subject = subject.model_copy(update={"height_m": made.height_m})
+        trial = read_trial(settings.model_copy(update=source), subject)
         trial = replace(trial, name=f"synthetic {settings.synthetic}", origin="synthetic")
     elif settings.markers is None:
         raise ConfigError(
@@ -92,7 +94,8 @@ def biomech(inputs: Inputs) -> Outcome:
     )
     table = inputs.folder / "joint_loads.csv"
     write_joint_loads_csv(loads, table)
-    return Outcome(loads, (table,), {"biomech": _load_figures(loads, braced_joint(inputs))})
+    about = table.with_suffix(".json")
+    return Outcome(loads, (table, about), {"biomech": _load_figures(loads, braced_joint(inputs))})
 
 
 def domain(inputs: Inputs) -> Outcome:
@@ -204,6 +207,7 @@ def _load_figures(loads: JointLoads, joint: str) -> dict[str, object]:
         "acting_force_peak_bw": _rounded(np.linalg.norm(loads.acting_force[:, index], axis=1).max() / weight),
         "pelvis_residual_rms_n": _rounded(np.sqrt((loads.pelvis_residual_force**2).sum(1).mean())),
         "cutoff_hz": loads.cutoff_hz,
+        "notes": list(loads.notes),
     }
 
 

@@ -128,8 +128,12 @@ def _page(
         passive=config.optimize.passive_frontal_nm_per_deg,
         stiffness_rows=_stiffness_rows(brace),
         figures_rows=_figure_rows(metrics),
-        notes=motion["notes"],
+        notes=[_sentence(note) for note in (*motion["notes"], *biomech["notes"])],
     )
+
+
+def _sentence(note: str) -> str:
+    return note[:1].upper() + note[1:].rstrip(".") + "."
 
 
 def _cards(metrics: dict[str, dict[str, Any]]) -> list[dict[str, str]]:

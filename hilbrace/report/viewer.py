@@ -23,7 +23,7 @@ from hilbrace.units import MM_PER_M
 Array = np.ndarray
 
 LIFT_MM = 3.0
-"""The field is drawn this far above the skin, and the leg as far below it: its coarser mesh would pierce [mm]."""
+"""The field is drawn this far above the skin and the leg below it, whose coarser mesh would pierce [mm]."""
 
 THIGH, SHANK = 0.72, 0.85
 """Parts of the thigh and the shank that are shown [-]."""

@@ -8,9 +8,9 @@ from jaxtyping import Float
 from hilbrace.config import MaterialSettings, PatternSettings, SolidSettings
 from hilbrace.domain.domain import Domain
 from hilbrace.optimize.design import Design
-from hilbrace.pattern.border import border, hole_numbers, strut_widths
+from hilbrace.pattern.border import Border, border, hole_numbers, strut_widths
 from hilbrace.pattern.checks import is_watertight, measured_thickness, part_count, spread_sample
-from hilbrace.pattern.clean import clean, drop_islands, shave_bumps, widen_and_prune
+from hilbrace.pattern.clean import clean, drop_islands, mend
 from hilbrace.pattern.clip import ZeroLine, cut_out, solid_fraction, triangle_areas, zero_line
 from hilbrace.pattern.implicit import BlendedPattern, blended_pattern
 from hilbrace.pattern.pattern import Pattern, Solid
@@ -19,7 +19,7 @@ from hilbrace.pattern.thicken import border_edges, folded_triangles, manifold, s
 
 Array = np.ndarray
 
-STRUT_MARGIN = 1.05
+STRUT_MARGIN = 1.02
 """Least width that struts are widened to, over the configured one [-]: room for the mesh's error."""
 FINEST_STRUT = 0.55
 """Longest mean edge of the refined skin, as a share of the least strut width: no edge jumps a strut [-]."""
@@ -55,14 +55,15 @@ def build_pattern(
     blended = blended_pattern(domain, design, skin, settings, material or MaterialSettings.model_validate({}))
     share = design_fraction(domain, design)
     depth, shift, dropped = _level(skin, blended, areas, share, settings)
-    line, widths = _measured(skin, depth, settings.min_strut_mm)
-    for extra in range(1, _ROUNDS):
-        if widths.min() >= settings.min_strut_mm:
+    line = zero_line(skin, depth)
+    edge, widths = _measured(skin, line, settings.min_strut_mm)
+    for extra in range(1, _ROUNDS + 1):
+        narrow = edge.middle[widths < settings.min_strut_mm]
+        if not len(narrow):
             break
-        wider = (STRUT_MARGIN + 0.04 * extra) * settings.min_strut_mm
-        depth = shave_bumps(skin, line, blended.rim_depth, settings.min_strut_mm)
-        depth = widen_and_prune(skin, zero_line(skin, depth), blended.rim_depth, wider)
-        line, widths = _measured(skin, depth, settings.min_strut_mm)
+        wider = (STRUT_MARGIN + 0.03 * extra) * settings.min_strut_mm
+        line = zero_line(skin, mend(skin, line, blended.rim_depth, narrow, wider))
+        edge, widths = _measured(skin, line, settings.min_strut_mm)
     struts = cut_out(skin, line)
     return Pattern(
         vertices=struts.vertices,
@@ -130,12 +131,10 @@ def _filled(design: Design) -> Float[Array, " triangle"]:
     return np.where(design.rim, 1.0, design.volume_fraction_triangle)
 
 
-def _measured(
-    skin: RefinedSkin, depth: Float[Array, " vertex"], strut_mm: float
-) -> tuple[ZeroLine, Float[Array, " segment"]]:
+def _measured(skin: RefinedSkin, line: ZeroLine, strut_mm: float) -> tuple[Border, Float[Array, " segment"]]:
     """The pattern's border, and the strut width at each of its segments [mm]."""
-    line = zero_line(skin, depth)
-    return line, strut_widths(border(skin, line, hole_numbers(skin, line)), _REACH * strut_mm)
+    edge = border(skin, line, hole_numbers(skin, line))
+    return edge, strut_widths(edge, _REACH * strut_mm)
 
 
 def _level(

@@ -86,6 +86,33 @@ def clean(
     return fill_specks(skin, zero_line(skin, depth), areas, slit_mm)
 
 
+def mend(
+    skin: RefinedSkin,
+    line: ZeroLine,
+    rim_depth: Float[Array, " vertex"],
+    narrow: Float[Array, "place 3"],
+    strut_mm: float,
+) -> Float[Array, " vertex"]:
+    """Widen struts and cut spurs about the places that were measured as too narrow.
+
+    Args:
+        skin: The refined skin.
+        line: Zero line of the cleaned pattern.
+        rim_depth: Depth inside the solid bands, which stay [mm].
+        narrow: Places on the border [mm].
+        strut_mm: Width to give the struts there [mm].
+
+    Returns:
+        The new depth at the vertices [mm].
+    """
+    axis, places = strut_axis(skin, line), KDTree(narrow)
+    near = np.isfinite(places.query(skin.vertices, distance_upper_bound=2 * strut_mm)[0])
+    close = np.isfinite(places.query(axis.points, distance_upper_bound=strut_mm)[0])
+    shaved = shave_bumps(skin, line, rim_depth, BUMP * strut_mm)
+    depth = np.where(near, shaved, line.depth)
+    return widen(skin, depth, StrutAxis(axis.points[close], axis.radius[close]), strut_mm)
+
+
 def widen_and_prune(
     skin: RefinedSkin, line: ZeroLine, rim_depth: Float[Array, " vertex"], strut_mm: float
 ) -> Float[Array, " vertex"]:

@@ -50,12 +50,12 @@ def test_a_wrong_key_or_value_is_named(content, words):
     )
 )
 def test_any_document_is_valid_or_names_its_key(content):
+    refused = None
     try:
-        config = parse_config(content, "run.toml")
+        parse_config(content, "run.toml")
     except ConfigError as fault:
-        assert "'" in fault.what
-    else:
-        assert isinstance(config, Config)
+        refused = fault
+    assert refused is None or "'" in refused.what
 
 
 def test_an_override_beats_the_file(tmp_path: Path):

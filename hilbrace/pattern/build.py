@@ -96,9 +96,12 @@ def build_solid(
     thick = manifold(*thicken(pattern.vertices, pattern.normals, pattern.triangles, thickness))
     body = simplify(thick, settings.simplify_mm)
     vertices, triangles = surface(body)
-    inner = np.setdiff1d(np.arange(len(pattern.vertices)), border_edges(pattern.triangles))
-    inner = inner[spread_sample(len(inner), _RAYS)]
-    measured = measured_thickness(body, pattern.vertices[inner], pattern.normals[inner], 2 * thickness)
+    on_border = np.isin(pattern.triangles, border_edges(pattern.triangles)).any(axis=1)
+    corners = pattern.triangles[~on_border]
+    corners = corners[spread_sample(len(corners), _RAYS)]
+    measured = measured_thickness(
+        body, pattern.vertices[corners].mean(axis=1), pattern.normals[corners].mean(axis=1), 2 * thickness
+    )
     return Solid(
         vertices=vertices,
         triangles=triangles,

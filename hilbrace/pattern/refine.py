@@ -34,7 +34,7 @@ class RefinedSkin:
     edges: Int[Array, "edge 2"]
     parent: Int[Array, " vertex"]
     barycentric: Float[Array, "vertex 3"]
-    loop_edges: Int[Array, "edge 2"]
+    loop_edges: Int[Array, "loop_edge 2"]
     upper_edges: int
     edge_mm: float
 
@@ -67,11 +67,11 @@ def refine(domain: Domain, resolution_mm: float) -> RefinedSkin:
     weights, small = _split_pattern(k)
     index, count = _weld(domain.triangles, len(domain.vertices), weights, k)
 
+    # later entries win, so triangles right of the seam come first
     order = np.argsort(~np.isin(domain.cut_triangles, domain.seam_pairs[:, 1]).any(axis=1), kind="stable")
     parent, corner = np.zeros(count, dtype=np.intp), np.zeros(count, dtype=np.intp)
-    for local in range(len(weights)):
-        parent[index[order, local]] = order
-        corner[index[order, local]] = local
+    parent[index[order].ravel()] = np.repeat(order, len(weights))
+    corner[index[order].ravel()] = np.tile(np.arange(len(weights)), len(order))
     barycentric = weights[corner] / k
 
     normals = np.einsum("vk,vkx->vx", barycentric, vertex_normals(domain)[domain.triangles[parent]])

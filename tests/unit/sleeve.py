@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from hilbrace.config import PatternSettings
@@ -132,16 +130,6 @@ def sleeve_design(
         volume_fraction=float((volume * area).sum() / area.sum()),
         volume_fraction_uniform=0.4,
     )
-
-
-def with_scale(settings: PatternSettings, **changes: float) -> PatternSettings:
-    """Settings with some values changed."""
-    return settings.model_copy(update=changes)
-
-
-def without_motion(domain: Domain) -> Domain:
-    """The same sleeve with its first frame only."""
-    return replace(domain, time=domain.time[:1], posed=domain.posed[:1], deformation=domain.deformation[:1])
 
 
 def _grid_triangles(around: int, along: int) -> np.ndarray:

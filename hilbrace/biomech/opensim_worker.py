@@ -1,12 +1,8 @@
 """What the OpenSim process does: hold a model, find poses from markers, report poses as arrays.
 
 Only this module and `hilbrace.biomech.opensim_model` import OpenSim, and only the process that
-`hilbrace.biomech.engine.Engine` starts imports them.
-
-Inverse kinematics is a weighted least-squares fit of the whole model to all markers (Lu & O'Connor, "Bone
-position estimation from skin marker co-ordinates using global optimisation with joint constraints",
-J. Biomech. 32, 1999), solved frame by frame by Levenberg-Marquardt steps with the system Jacobian of the
-multibody code.
+`hilbrace.biomech.engine.Engine` starts imports them. The least-squares fit itself is in
+`hilbrace.biomech.marker_fit`; here is the model that it moves.
 """
 
 from __future__ import annotations
@@ -14,79 +10,44 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, TypedDict
 
 import numpy as np
 import opensim as osim
-from jaxtyping import Float, Int
-from scipy.linalg import solve_triangular
+from jaxtyping import Float
 
 from hilbrace.biomech import opensim_model
-from hilbrace.errors import InputError, SolverError
+from hilbrace.biomech.marker_fit import SHARED_WEIGHT_M2, Carriers, Problem, Variables, fit_frame
+from hilbrace.errors import InputError
 from hilbrace.skeleton.table import load_table
 
 Array = np.ndarray
 Report = Callable[[int, int], None]
-Variables = Float[Array, " variable"]
-"""Values of all coordinates, coupled ones included, in the order of the multibody code [rad or m]."""
 
 osim.Logger.setLevelString("Off")
 osim.Logger.removeFileSink()
 
 REPORT_EVERY_S = 0.2
-STEP_TOLERANCE = 1e-7
-"""Largest change of a coordinate [rad or m] at which a pose counts as found."""
-LONGEST_STEP = 0.3
-"""Largest change of a coordinate in one step [rad or m], so that no limb swings over into another minimum."""
-MAX_STEPS = 300
-SHARED_WEIGHT_M2 = 1e-5
-"""Stiffness [m^2] that holds every free coordinate near its start: as much as one marker of weight 1 at 3 mm.
-
-It decides only where the markers do not (a forearm with one marker); angles of a leg move by a few hundredths
-of a degree.
-"""
 
 
-class Problem(NamedTuple):
-    """What stays the same over the frames of an inverse-kinematics fit.
+class Poses(TypedDict):
+    """Frames of all bodies, to ground; origins in [m]."""
 
-    Attributes:
-        carriers: Bodies that carry markers.
-        carrier: Which of them carries each marker.
-        rows: Each marker's body in the system Jacobian.
-        locations: Place of each marker in its body [m].
-        weights: Weight of each marker [-].
-        free: Columns of the coordinates that are sought.
-        stiffness: Stiffness that holds each of them near ``rest`` [m^2].
-        rest: Start of the search and centre of the hold.
+    rotations: Float[Array, "frame body 3 3"]
+    origins: Float[Array, "frame body 3"]
+
+
+class FittedPoses(TypedDict):
+    """Poses found from markers.
+
+    Coordinates are in [rad or m]. Errors are distances of the markers [m], NaN in gaps. Support is the
+    stiffness [m^2] that the visible markers give each coordinate when all others are free; zero for fixed
+    ones.
     """
 
-    carriers: tuple[str, ...]
-    carrier: Int[Array, " marker"]
-    rows: Int[Array, " marker"]
-    locations: Float[Array, "marker 3"]
-    weights: Float[Array, " marker"]
-    free: Int[Array, " free"]
-    stiffness: Float[Array, " free"]
-    rest: Variables
-
-
-class Linearised(NamedTuple):
-    """The cost of a fit about a pose.
-
-    Attributes:
-        cost: Weighted sum of squares [m^2].
-        descent: Half its negative gradient.
-        information: Half its second derivative for straight paths of the markers (Gauss-Newton).
-        curvature: What the curvature of their paths adds to it.
-        difference: Measured less model marker [m].
-    """
-
-    cost: float
-    descent: Float[Array, " free"]
-    information: Float[Array, "free free"]
-    curvature: Float[Array, "free free"]
-    difference: Float[Array, "marker 3"]
+    coordinates: Float[Array, "frame coordinate"]
+    errors: Float[Array, "frame marker"]
+    support: Float[Array, "frame coordinate"]
 
 
 class Worker:
@@ -195,7 +156,7 @@ class Worker:
         self._state.setQ(osim.Vector.createFromMat(q))
         self._model.realizePosition(self._state)
 
-    def _follow(self, q: Variables) -> None:
+    def _couple(self, q: Variables) -> None:
         """Set the coupled coordinates (kneecaps) in place."""
         for coupler in self._couplers:
             leaders = coupler.getIndependentCoordinateNames()
@@ -230,14 +191,11 @@ class Worker:
             self._said = now
             self._report(done, total)
 
-    def poses(self, coordinates: Float[Array, "frame coordinate"]) -> dict[str, Array]:
-        """Frames of all bodies.
+    def poses(self, coordinates: Float[Array, "frame coordinate"]) -> Poses:
+        """Frames of all bodies over some frames of time.
 
         Args:
             coordinates: Free coordinates [rad or m], in the model's order.
-
-        Returns:
-            ``rotations`` (frame body 3 3) and ``origins`` (frame body 3) [m], to ground.
         """
         bodies = tuple(self._bodies)
         rotations = np.empty((len(coordinates), len(bodies), 3, 3))
@@ -276,7 +234,7 @@ class Worker:
     def _complete(self, values: Float[Array, " coordinate"]) -> Variables:
         q = self._default.copy()
         q[[self._column[name] for name in self._names]] = values
-        self._follow(q)
+        self._couple(q)
         return q
 
     def inverse_kinematics(
@@ -288,7 +246,7 @@ class Worker:
         start: Float[Array, " coordinate"],
         fixed: Sequence[str] = (),
         held: Mapping[str, float] | None = None,
-    ) -> dict[str, Array]:
+    ) -> FittedPoses:
         """Find the coordinates whose markers lie nearest to the measured ones, each frame from the last.
 
         Each frame minimises ``sum_m w_m |x_m - x_m(q)|^2 + sum_c h_c (q_c - start_c)^2`` over the free
@@ -302,12 +260,8 @@ class Worker:
             measured: Measured positions [m]; NaN where hidden.
             start: Coordinates at which the search starts [rad or m].
             fixed: Coordinates that keep their start value.
-            held: Stiffness [m^2] that holds a coordinate near its start, beyond `SHARED_WEIGHT_M2`.
-
-        Returns:
-            ``coordinates`` (frame coordinate), ``errors`` (frame marker) [m] with NaN in gaps, and
-            ``support`` (frame coordinate) [m^2]: stiffness that the visible markers give each coordinate
-            when all others are free; zero for fixed ones.
+            held: Stiffness [m^2] that holds a coordinate near its start, beyond
+                `hilbrace.biomech.marker_fit.SHARED_WEIGHT_M2`.
 
         Raises:
             SolverError: A frame does not converge.
@@ -319,7 +273,7 @@ class Worker:
         support = np.zeros((len(measured), len(q)))
         columns = [self._column[name] for name in self._names]
         for frame, points in enumerate(measured):
-            q, errors[frame], support[frame, problem.free] = self._fit(problem, points, q, frame)
+            q, errors[frame], support[frame, problem.free] = fit_frame(problem, points, q, frame)
             coordinates[frame] = q[columns]
             self._tell(frame + 1, len(measured))
         return {"coordinates": coordinates, "errors": errors, "support": support[:, columns]}
@@ -333,108 +287,25 @@ class Worker:
         fixed: Collection[str],
         held: Mapping[str, float],
     ) -> Problem:
-        carriers = tuple(dict.fromkeys(bodies))
+        names = tuple(dict.fromkeys(bodies))
+        carrier = np.array([names.index(body) for body in bodies])
+        rows = np.array([self._index(body) for body in bodies])
         free = [name for name in self._names if name not in fixed]
+
+        def carriers(q: Variables) -> Carriers:
+            self._set_pose(q)
+            rotations, origins = self._frames(names)
+            return Carriers(rotations[carrier], origins[carrier], self._jacobian()[rows])
+
         return Problem(
             carriers=carriers,
-            carrier=np.array([carriers.index(body) for body in bodies]),
-            rows=np.array([self._index(body) for body in bodies]),
+            couple=self._couple,
             locations=np.asarray(locations, dtype=float),
             weights=np.asarray(weights, dtype=float),
             free=np.array([self._column[name] for name in free]),
             stiffness=SHARED_WEIGHT_M2 + np.array([held.get(name, 0.0) for name in free]),
             rest=self._complete(np.asarray(start, dtype=float)),
         )
-
-    def _fit(
-        self, problem: Problem, points: Float[Array, "marker 3"], q: Variables, frame: int
-    ) -> tuple[Variables, Float[Array, " marker"], Float[Array, " free"]]:
-        """One frame by Newton steps, damped where a step is no gain (Levenberg-Marquardt).
-
-        Returns:
-            The pose, the distance of each marker [m], and the support of each free coordinate [m^2].
-        """
-        seen = np.array(np.isfinite(points).all(axis=1))
-        weights = np.where(seen, problem.weights, 0.0)
-        targets = np.where(seen[:, None], points, 0.0)
-        damping, unit = 1e-6, np.eye(len(problem.free))
-        now = self._linearise(problem, targets, weights, q)
-        for _ in range(MAX_STEPS):
-            step = _step(now, damping * unit)
-            trial = q.copy()
-            trial[problem.free] += step
-            self._follow(trial)
-            after = self._linearise(problem, targets, weights, trial)
-            found = np.abs(step).max() < STEP_TOLERANCE
-            if found or after.cost <= now.cost:
-                q, now, damping = trial, after, max(damping / 8.0, 1e-10)
-            else:
-                damping *= 8.0
-            if found:
-                distance = np.where(seen, np.linalg.norm(now.difference, axis=1), np.nan)
-                support = 1.0 / np.diag(np.linalg.inv(now.information)) - problem.stiffness
-                return q, distance, np.maximum(support, 0.0)
-        raise SolverError(
-            "the model cannot be brought onto the markers",
-            where=f"frame {frame + 1}",
-            hint="look for swapped or mislabelled markers there, or leave the frame out with motion.window",
-        )
-
-    def _linearise(
-        self,
-        problem: Problem,
-        targets: Float[Array, "marker 3"],
-        weights: Float[Array, " marker"],
-        q: Variables,
-    ) -> Linearised:
-        """The fit's cost at a pose, with its derivatives."""
-        self._set_pose(q)
-        rotations, origins = self._frames(problem.carriers)
-        arms = np.einsum("mij,mj->mi", rotations[problem.carrier], problem.locations)
-        difference = targets - origins[problem.carrier] - arms
-        turn, shift = np.moveaxis(self._jacobian()[problem.rows][..., problem.free], 1, 0)
-        slopes = shift + np.cross(turn, arms[:, :, None], axis=1)
-        pull = weights[:, None] * difference
-        flat = slopes.reshape(-1, slopes.shape[-1])
-        away = (q - problem.rest)[problem.free]
-        return Linearised(
-            cost=float((pull * difference).sum() + problem.stiffness @ away**2),
-            descent=flat.T @ pull.ravel() - problem.stiffness * away,
-            information=(flat * np.repeat(weights, 3)[:, None]).T @ flat + np.diag(problem.stiffness),
-            curvature=_curvature(turn, slopes, pull),
-            difference=difference,
-        )
-
-
-def _step(at: Linearised, damping: Float[Array, "free free"]) -> Float[Array, " free"]:
-    """Newton's step where the cost is convex, Gauss-Newton's elsewhere; never longer than `LONGEST_STEP`."""
-    try:
-        factor = np.linalg.cholesky(at.information + at.curvature + damping)
-    except np.linalg.LinAlgError:
-        factor = np.linalg.cholesky(at.information + damping)
-    step = solve_triangular(factor.T, solve_triangular(factor, at.descent, lower=True))
-    return step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), LONGEST_STEP))
-
-
-def _curvature(
-    turn: Float[Array, "marker 3 free"], slopes: Float[Array, "marker 3 free"], pull: Float[Array, "marker 3"]
-) -> Float[Array, "free free"]:
-    """Half the second derivative of a fit's cost that stems from markers moving on arcs.
-
-    When coordinate i turns a body, it turns the slopes of all coordinates j further out: d2x / dq_i dq_j =
-    w_i x s_j. Coordinates come in the order of the multibody tree, inner ones first. Without this term the
-    steps overshoot wherever markers stay far from the model. Translations are not turned by their own
-    joint; those that splines couple to knee flexion are left out of the curvature.
-
-    Args:
-        turn: Angular velocity of each marker's body per unit speed.
-        slopes: Velocity of each marker per unit speed [m].
-        pull: Weight times measured less model marker [m].
-    """
-    turned = np.where(np.abs(turn).max(axis=1, keepdims=True) > 0.0, slopes, 0.0)
-    inner = np.einsum("mci,mcj->ij", turn, np.cross(turned, pull[:, :, None], axis=1))
-    upper = np.triu(inner)
-    return -(upper + np.triu(inner, 1).T)
 
 
 def _items(collection: Any) -> list[Any]:

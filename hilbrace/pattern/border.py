@@ -42,7 +42,9 @@ class Border:
         """Middles of the segments [mm]."""
         return (self.start + self.end) / 2
 
-    def nearest(self, points: Float[Array, "point 3"]) -> tuple[Array, Array, Array]:
+    def nearest(
+        self, points: Float[Array, "point 3"]
+    ) -> tuple[Float[Array, " point"], Int[Array, " point"], Float[Array, "point 3"]]:
         """Nearest place on the border.
 
         Returns:

@@ -2,12 +2,10 @@
 
 Firm and soft cell share one design variable ``d`` in [0, 1] per point. Each cell maps it to its own strut
 half width, ``w(d) = w_low + d (w_high - w_low)`` in cell sides, so that ``d`` runs through nearly the same
-volume fractions in both. Where the two are blended by the firm fraction ``s``, the solid is::
-
-    (1 - s) (f_soft - w_soft(d)) + s (f_firm - w_firm(d)) <= 0,  that is  f_blend <= w_blend,
-
-modulus and volume being blended by the same ``s`` (the paper blends the modulus only, but one width means
-quite different volumes in the two cells). One number, ``w_blend``, is then all that the pattern needs.
+volume fractions in both. Modulus, volume and width are blended by the firm fraction ``s`` alike (the paper
+blends the modulus only, but one width means quite different volumes in the two cells). The blended width and
+``s`` are all that the pattern needs: they lead back to ``d``, and so to the width of either cell. How the
+struts of the two cells meet is told in `hilbrace.pattern.implicit`.
 
 Everything is plain arithmetic and works on numpy arrays and on torch tensors alike.
 """

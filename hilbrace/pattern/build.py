@@ -10,7 +10,7 @@ from hilbrace.domain.domain import Domain
 from hilbrace.optimize.design import Design
 from hilbrace.pattern.border import Border, border, hole_numbers, strut_widths
 from hilbrace.pattern.checks import is_watertight, measured_thickness, part_count, spread_sample
-from hilbrace.pattern.clean import clean, drop_islands, mend
+from hilbrace.pattern.clean import clean, drop_islands, mend, trim_needles
 from hilbrace.pattern.clip import ZeroLine, cut_out, solid_fraction, triangle_areas, zero_line
 from hilbrace.pattern.implicit import BlendedPattern, blended_pattern
 from hilbrace.pattern.pattern import Pattern, Solid
@@ -27,7 +27,9 @@ FRACTION_TOLERANCE = 0.003
 """Difference between the pattern's area fraction and the design's at which the level is right [-]."""
 LEVEL_LIMIT = 0.05
 """Largest constant added to the half width [cell sides]."""
-_ROUNDS = 4
+NEEDLE = 0.3
+"""Struts were widened to the least width before: what is still below this share of it is a needle [-]."""
+_ROUNDS = 6
 _REACH = 4.0
 _RAYS = 1000
 
@@ -61,6 +63,9 @@ def build_pattern(
         narrow = edge.middle[widths < settings.min_strut_mm]
         if not len(narrow):
             break
+        needles = edge.middle[widths < NEEDLE * settings.min_strut_mm]
+        if len(needles):
+            line = zero_line(skin, trim_needles(skin, line, needles, settings.min_strut_mm / 2))
         wider = (STRUT_MARGIN + 0.03 * extra) * settings.min_strut_mm
         line = zero_line(skin, mend(skin, line, blended.rim_depth, narrow, wider))
         edge, widths = _measured(skin, line, settings.min_strut_mm)

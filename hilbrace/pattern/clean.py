@@ -37,6 +37,8 @@ ROLL_TOLERANCE_MM = 0.05
 """How far the border may reach into the disc that closes slits [mm]."""
 _STEPS = np.array([0.25, 0.75])
 """Where points of the axis lie between the middle of a triangle and where the axis leaves it [-]."""
+NEEDLE_MM = 0.1
+"""A needle's tip lies no deeper in the solid, or in the hole, than this [mm]."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,31 @@ def mend(
     shaved = shave_bumps(skin, line, rim_depth, BUMP * strut_mm)
     depth = np.where(near, shaved, line.depth)
     return widen(skin, depth, StrutAxis(axis.points[close], axis.radius[close]), strut_mm)
+
+
+def trim_needles(
+    skin: RefinedSkin, line: ZeroLine, narrow: Float[Array, "place 3"], reach_mm: float
+) -> Float[Array, " vertex"]:
+    """Blunt needles: vertices near zero draw the border out to a point, unlike all around them.
+
+    Such a vertex takes the mean depth of its neighbours, which for a straight border is the depth it should
+    have.
+
+    Args:
+        skin: The refined skin.
+        line: Zero line of the pattern.
+        narrow: Places on needles [mm].
+        reach_mm: How far from these places a needle's tip may be [mm].
+
+    Returns:
+        The new depth at the vertices [mm].
+    """
+    near = np.isfinite(KDTree(narrow).query(skin.vertices, distance_upper_bound=reach_mm)[0])
+    tip = near & (np.abs(line.depth) < NEEDLE_MM)
+    ends = np.concatenate([skin.edges, skin.edges[:, ::-1]])
+    count = np.bincount(ends[:, 0], minlength=len(tip))
+    mean = np.bincount(ends[:, 0], line.depth[ends[:, 1]], minlength=len(tip)) / count
+    return np.where(tip, mean, line.depth)
 
 
 def widen_and_prune(

@@ -138,7 +138,10 @@ def optimize(inputs: Inputs) -> Outcome:
 
 def pattern(inputs: Inputs) -> Outcome:
     """Draw the struts on the skin."""
-    record = build_pattern(inputs.records["domain"], inputs.records["optimize"], inputs.config.pattern)
+    config = inputs.config
+    record = build_pattern(
+        inputs.records["domain"], inputs.records["optimize"], config.pattern, config.material
+    )
     surface = inputs.folder / "pattern.ply"
     write_surface(surface, record.vertices, record.triangles)
     figures = {
@@ -259,7 +262,7 @@ STAGES: tuple[Stage, ...] = (
     Stage("biomech", ("motion", "body"), ("biomech", "motion"), JointLoads, biomech),
     Stage("domain", ("body", "biomech"), ("domain",), Domain, domain),
     Stage("optimize", ("biomech", "domain"), ("optimize", "material", "pattern"), Design, optimize),
-    Stage("pattern", ("domain", "optimize"), ("pattern",), Pattern, pattern),
+    Stage("pattern", ("domain", "optimize"), ("pattern", "material"), Pattern, pattern),
     Stage("solid", ("domain", "optimize", "pattern"), ("solid", "material"), Solid, solid),
     Stage(
         "report",

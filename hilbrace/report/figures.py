@@ -56,11 +56,13 @@ def key_frames(trial: Trial, body: Body, loads: JointLoads, joint: str) -> Figur
     return figure
 
 
-def key_instants(loads: JointLoads, joint: str, count: int = 5) -> list[int]:
-    """Frames that tell the motion: peak acting force, peak flexion, the ends, and the widest gaps halved."""
+def key_instants(loads: JointLoads, joint: str, count: int = 6) -> list[int]:
+    """Frames that tell the motion: peak force, highest pelvis, peak flexion, the ends, wide gaps halved."""
     index, last = loads.joints.index(joint), len(loads.time) - 1
     force = np.linalg.norm(loads.acting_force[:, index], axis=1)
-    wanted = [int(np.argmax(force)), int(np.argmax(loads.angles[:, index, 0])), 0, last]
+    height = [loads.coordinates[:, k] for k, name in enumerate(loads.coordinate_names) if name == "pelvis_ty"]
+    peaks = (force, *height, loads.angles[:, index, 0])
+    wanted = [*(int(np.argmax(values)) for values in peaks), 0, last]
     frames: list[int] = []
     for frame in wanted:
         if all(abs(frame - kept) > 0.08 * last for kept in frames):

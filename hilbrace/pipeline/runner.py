@@ -14,7 +14,7 @@ import torch
 from rich.console import Console
 
 from hilbrace import __version__
-from hilbrace.config import Config
+from hilbrace.config import Config, read_config
 from hilbrace.errors import InputError
 from hilbrace.motion.trial_reader import recorded_files
 from hilbrace.pipeline.stage import Inputs, Stage
@@ -132,8 +132,17 @@ def _input_digests(config: Config) -> list[str]:
 
 
 def _write_config(config: Config, folder: Path) -> None:
+    """Keep the effective configuration in the folder; a file that says the same is left as it is.
+
+    A file that says something else (a person's, run with ``--set``) is kept beside it.
+    """
+    path = folder / "run.toml"
+    if path.exists():
+        if read_config(path) == config:
+            return
+        write_atomic(folder / "run.toml.before", path.read_bytes())
     content = config.model_dump(mode="json", exclude_none=True)
-    write_atomic(folder / "run.toml", tomli_w.dumps(content).encode())
+    write_atomic(path, tomli_w.dumps(content).encode())
 
 
 def _about(config: Config) -> dict[str, Any]:

@@ -93,3 +93,15 @@ def test_doctor_answers_in_json(capsys: pytest.CaptureFixture[str]):
     assert findings["opensim_worker"]["answers"]
     assert findings["hilbrace"] == hilbrace.__version__
     assert findings["packages"]["torch"]
+
+
+def test_a_person_s_configuration_is_not_rewritten(tmp_path: Path):
+    """Comments in a run folder's own ``run.toml`` survive; with ``--set`` the old file is kept beside."""
+    text = '# my study\n[motion]\nsynthetic = "squat"\nwindow = [0.5, 0.8]\n'
+    (tmp_path / "run.toml").write_text(text)
+    assert main(["run", str(tmp_path), "--until", "motion", "--json"]) == 0
+    assert (tmp_path / "run.toml").read_text() == text
+    words = ["run", str(tmp_path), "--until", "motion", "--json", "--set", "motion.cutoff_hz=15"]
+    assert main(words) == 0
+    assert (tmp_path / "run.toml.before").read_text() == text
+    assert "cutoff_hz = 15" in (tmp_path / "run.toml").read_text()

@@ -7,6 +7,7 @@ import os
 import platform
 import subprocess
 import sys
+import tempfile
 from typing import Any
 
 import psutil
@@ -83,7 +84,10 @@ def _opensim_answers() -> dict[str, Any]:
     """Start OpenSim in a process of its own, as the biomechanics stage does."""
     words = [sys.executable, "-c", "import opensim; print(opensim.GetVersion())"]
     try:
-        done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
+        with tempfile.TemporaryDirectory() as elsewhere:  # OpenSim leaves a log file where it starts
+            done = subprocess.run(
+                words, capture_output=True, text=True, timeout=120, check=False, cwd=elsewhere
+            )
     except subprocess.TimeoutExpired:
         return {"answers": False, "version": None, "fault": "no answer in 120 s"}
     lines = done.stdout.strip().splitlines()

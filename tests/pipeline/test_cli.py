@@ -85,8 +85,10 @@ def test_stages_read_only_what_comes_before_them():
         assert set(stage.needs) <= {earlier.name for earlier in KNOWN[:index]}
 
 
-def test_doctor_answers_in_json(capsys: pytest.CaptureFixture[str]):
+def test_doctor_answers_in_json_and_leaves_nothing_behind(tmp_path: Path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
     code = main(["doctor", "--json"])
+    assert list(tmp_path.iterdir()) == []
     findings = json.loads(capsys.readouterr().out)
     assert code == 0
     assert findings["healthy"]

@@ -171,7 +171,10 @@ class PatternSettings(Section):
     rim_mm: float = Field(default=8.0, ge=2, description="width of the solid bands at both edges [mm]")
     blend_mm: float = Field(default=30.0, gt=0, description="width of the transition from firm to soft [mm]")
     resolution_mm: float = Field(
-        default=1.0, gt=0.1, lt=5, description="edge length of the refined surface [mm]"
+        default=1.0,
+        gt=0.1,
+        lt=5,
+        description="longest edge of the refined surface, which is never longer than 0.55 min_strut_mm [mm]",
     )
 
 

@@ -17,13 +17,3 @@ LENGTH_TO_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 DEG = math.pi / 180.0
 """One degree [rad]."""
-
-
-def nm_per_deg(stiffness_nmm_per_rad: float) -> float:
-    """Rotational stiffness in N*m/deg from N*mm/rad."""
-    return stiffness_nmm_per_rad * DEG / MM_PER_M
-
-
-def nmm_per_rad(stiffness_nm_per_deg: float) -> float:
-    """Rotational stiffness in N*mm/rad from N*m/deg."""
-    return stiffness_nm_per_deg * MM_PER_M / DEG

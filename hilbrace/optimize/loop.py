@@ -18,12 +18,12 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from hilbrace.errors import InputError, SolverError
-from hilbrace.field import initial_parameters
+from hilbrace.field import initial_parameters, project_to_volume
 from hilbrace.material.segmentation import blend_map, segment
 from hilbrace.optimize import losses
 from hilbrace.optimize.design import LOSSES
-from hilbrace.optimize.evaluate import Evaluation, Firmness, design_variable, evaluate, material_of
-from hilbrace.optimize.problem import Problem
+from hilbrace.optimize.evaluate import CONTRAST, Evaluation, Firmness, evaluate, material_of
+from hilbrace.optimize.problem import Problem, width_limits
 from hilbrace.run.progress import Report
 from hilbrace.run.records import load, save
 
@@ -139,16 +139,19 @@ def segment_by_energy(problem: Problem) -> Bool[Array, " triangle"]:
 
 
 def level_for_volume(problem: Problem, firm: Firmness, theta: Float[Tensor, "row column"]) -> float:
-    """Level at which the field has the target volume, by bisection."""
-    low, high = -12.0, 12.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        bias = torch.tensor(middle, dtype=torch.float64)
-        d = design_variable(problem, problem.triangles, firm.triangles, theta, bias)
-        volume = material_of(problem, d, firm.triangles).volume
-        fraction = float((volume * problem.areas).sum() / problem.areas.sum())
-        low, high = (middle, high) if fraction < problem.settings.volume_fraction else (low, middle)
-    return 0.5 * (low + high)
+    """Level at which the field has the target volume.
+
+    Raises:
+        SolverError: No level gives that volume, the limits of casting included.
+    """
+    low, high = width_limits(problem, problem.triangles, firm.triangles)
+
+    def fraction(share: Float[Tensor, " triangle"]) -> Float[Tensor, ""]:
+        volume = material_of(problem, low + (high - low) * share, firm.triangles).volume
+        return (volume * problem.areas).sum() / problem.areas.sum()
+
+    logits = problem.triangles.field.logits(theta, CONTRAST)
+    return float(project_to_volume(logits, fraction, problem.settings.volume_fraction)[1])
 
 
 def learning_rate(settings_rate: float, iteration: int, iterations: int) -> float:

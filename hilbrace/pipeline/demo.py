@@ -9,7 +9,6 @@ from hilbrace.config import Config, apply_overrides, parse_config
 QUICK: dict[str, Any] = {
     "domain": {"triangles": 1500, "frames_per_second": 10.0},
     "optimize": {"iterations": 25},
-    "pattern": {"resolution_mm": 1.5},
 }
 """A coarser run, for a first look and for tests."""
 

@@ -25,7 +25,6 @@ SMALLER = (
     *("--set", "domain.triangles=1500"),
     *("--set", "domain.frames_per_second=10"),
     *("--set", "optimize.iterations=30"),
-    *("--set", "pattern.resolution_mm=1.5"),
 )
 
 

@@ -14,7 +14,6 @@ SMALL = {
     "motion": {"synthetic": "squat", "window": [0.6, 1.3], "cutoff_hz": 15.0},
     "domain": {"triangles": 700, "frames_per_second": 8.0},
     "optimize": {"iterations": 24, "checkpoint_every": 2},
-    "pattern": {"resolution_mm": 2.5, "min_strut_mm": 1.5},
 }
 
 RESULTS = (

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import random
-import signal
 import time
 from pathlib import Path
 
@@ -28,21 +26,20 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, float]:
 
 
 def test_a_killed_run_ends_in_the_same_bytes(undisturbed: tuple[Path, float], tmp_path: Path):
-    """Six kills at random moments of what is left of the run, each of the whole process group's leader."""
+    """Six kills at random moments of what is left of the run."""
     reference, seconds = undisturbed
     folder = write_small_run(tmp_path / "killed")
     chance = random.Random(20240501)
-    struck: list[str] = []
+    struck = 0
     for _ in range(KILLS):
         process = start(folder)
-        time.sleep(chance.uniform(0.15, 0.75) * seconds)
-        if process.poll() is None:
-            os.kill(process.pid, signal.SIGKILL)
+        time.sleep(chance.uniform(0.05, 0.2) * seconds)
+        struck += process.poll() is None
+        process.kill()
         process.communicate()
-        struck.append(_last_event(folder))
+    assert struck == KILLS, "the run was over before the last kill"
     finish(folder)
     assert digests(folder) == digests(reference)
-    assert len(struck) == KILLS
 
 
 def test_killed_while_optimizing_the_checkpoint_is_used(undisturbed: tuple[Path, float], tmp_path: Path):
@@ -93,9 +90,3 @@ def test_only_what_changed_is_repeated(undisturbed: tuple[Path, float], tmp_path
 
 def _starts(folder: Path) -> int:
     return (folder / "log.jsonl").read_text().count('"start"')
-
-
-def _last_event(folder: Path) -> str:
-    log = folder / "log.jsonl"
-    lines = log.read_text().splitlines() if log.exists() else []
-    return lines[-1] if lines else "before the first stage"

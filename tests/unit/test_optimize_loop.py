@@ -86,6 +86,13 @@ def test_the_first_field_has_the_target_volume(problem: Problem):
     assert fraction == pytest.approx(problem.settings.volume_fraction, abs=1e-9)
 
 
+def test_a_volume_that_cannot_be_cast_is_refused_with_the_range_that_can(domain: Domain, tmp_path: Path):
+    with pytest.raises(SolverError, match=r"0\.12") as fault:
+        _optimize(domain, tmp_path / "checkpoint.npz", volume_fraction=0.12)
+    assert "optimize.volume_fraction" in fault.value.hint
+    assert "can be reached" in fault.value.where
+
+
 def test_the_field_stays_in_the_range_that_can_be_cast(problem: Problem):
     state = first_state(problem, "")
     firm = firmness(problem, state.firm)

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from hilbrace.biomech import dynamics
 from hilbrace.biomech.dynamics import GroundReaction, Momenta
 from hilbrace.biomech.engine import Engine, Report
-from hilbrace.biomech.joint_loads import JOINTS, JointLoads
+from hilbrace.biomech.joint_loads import JOINTS, JointLoads, without_muscles
 from hilbrace.biomech.kinematics import Kinematics, calibrate, follow, own_markers
 from hilbrace.biomech.model_figures import ModelFigures
 from hilbrace.body.body import Body
@@ -231,6 +231,7 @@ def _loads(
         marker_error=fitted.marker_error,
         cutoff_hz=cutoff_hz,
         pelvis_residual_force=residual,
+        **without_muscles(len(trial.time), len(JOINTS), len(figures.coordinates)),
         notes=(*said, *fitted.notes, *_unmeasured_support(trial, residual)),
     )
 

@@ -9,7 +9,7 @@ import manifold3d
 import numpy as np
 
 from hilbrace.biomech.joint_loads import JOINTS as JOINT_ORDER
-from hilbrace.biomech.joint_loads import JointLoads
+from hilbrace.biomech.joint_loads import JointLoads, without_muscles
 from hilbrace.body.body import Body
 from hilbrace.body.skinning import smoothed_weights
 from hilbrace.domain.limb import Limb
@@ -145,6 +145,7 @@ def bending(body: Body, flexion_deg, side="left", **others) -> JointLoads:
         marker_error=np.zeros((frames, 0)),
         cutoff_hz=12.0,
         pelvis_residual_force=np.zeros((frames, 3)),
+        **without_muscles(frames, 4, len(names)),
     )
 
 

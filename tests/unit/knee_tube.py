@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hilbrace.biomech.joint_loads import JOINTS, JointLoads
+from hilbrace.biomech.joint_loads import JOINTS, JointLoads, without_muscles
 from hilbrace.domain.deformation import deformation_gradients
 from hilbrace.domain.domain import Domain
 from hilbrace.domain.flatten import periodic_lscm, quasi_conformal
@@ -73,6 +73,7 @@ def knee_loads(frames: int = 60, seconds: float = 1.0) -> JointLoads:
         marker_error=np.zeros((frames, 1)),
         cutoff_hz=12.0,
         pelvis_residual_force=np.zeros((frames, 3)),
+        **without_muscles(frames, joints, COORDINATES),
     )
 
 

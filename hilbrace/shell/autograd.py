@@ -21,12 +21,11 @@ from jaxtyping import Float
 from torch.autograd.function import once_differentiable
 
 from hilbrace.errors import SolverError
-from hilbrace.shell.assembly import free_stiffness
 from hilbrace.shell.element import NODE_DOFS
 from hilbrace.shell.loads import LoadPattern
 from hilbrace.shell.loops import LOOP_DOFS
 from hilbrace.shell.model import ShellModel
-from hilbrace.shell.solver import factor
+from hilbrace.shell.solver import open_solver
 
 Array = np.ndarray
 
@@ -135,8 +134,9 @@ def _solve(
     numbering = shell.numbering
     loads = _unit_loads(shell, shares)
     coupling = (shell.coupling @ modulus).reshape(-1, LOOP_DOFS)
-    matrix = free_stiffness(numbering, shell.refill, modulus)
-    answer = factor(matrix).solve(np.concatenate([loads[numbering.free], coupling], axis=1))
+    rhs = np.concatenate([loads[numbering.free], coupling], axis=1)
+    with open_solver(numbering.sparsity) as solver:
+        answer = solver.factor(shell.refill @ modulus).solve(rhs)
     unit = np.zeros_like(loads)
     unit[numbering.free] = answer[:, : loads.shape[1]]
     modes = shell.motions.copy()

@@ -1,74 +1,160 @@
-"""Factorisation of the shell's stiffness and solves for many right-hand sides.
+"""Factorisation of the shell's stiffness and solves for many right-hand sides, by whichever library is there.
 
-`factor` is the one door: whatever gives back a `Factor` can stand in its place.
+`open_solver` is the one door. The analysis of the sparsity is done once and kept; `Solver.factor` takes new
+values as often as the optimizer has them.
+
+    with open_solver(numbering.sparsity) as solver:
+        factor = solver.factor(refill @ modulus)
+        displacements = factor.solve(loads)
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from threading import Lock
+from typing import Protocol, runtime_checkable
 
 import numpy as np
-import scipy.sparse as sp
 from jaxtyping import Float
-from scipy.sparse.linalg import splu
 
-from hilbrace.errors import SolverError
+from hilbrace.errors import ConfigError, SolverError
+from hilbrace.shell.superlu import SuperLU
+from hilbrace.shell.symmetric import Sparsity, check_answer, check_rhs, check_values
 
 Array = np.ndarray
 
-_WORST_RESIDUAL = 1e-5
+BACKENDS = ("scipy",)
+"""All backends, the preferred first."""
 
 
 @runtime_checkable
-class Factor(Protocol):
-    """A factorised symmetric positive definite matrix."""
+class Backend(Protocol):
+    """What a library must do to serve a `Solver`: one matrix at a time, one thread at a time."""
+
+    @property
+    def name(self) -> str:
+        """Name by which users choose it."""
+        ...
+
+    def factor(self, values: Float[Array, " entry"]) -> None:
+        """Factorise the matrix with these values, or raise a `SolverError` if it is not positive definite."""
+        ...
 
     def solve(self, rhs: Float[Array, "free column"]) -> Float[Array, "free column"]:
-        """Solve for all columns at once."""
+        """Solve with the last factor."""
+        ...
+
+    def close(self) -> None:
+        """Give all memory back; may be called twice."""
         ...
 
 
-@dataclass(frozen=True)
-class SuperLUFactor:
-    """Factor by SuperLU: minimum degree on A^T + A and pivots on the diagonal.
+class Solver:
+    """Solves with matrices of one sparsity; a context manager that gives its memory back at the end.
 
-    A threshold above zero lets rows be swapped, which costs a positive definite matrix ten times the work.
+    A solver holds one factor at a time. Threads that share a solver wait for each other; give each thread its
+    own to let them run side by side.
     """
 
-    matrix: sp.csc_array
-    lu: Any
+    def __init__(self, sparsity: Sparsity, backend: Backend) -> None:
+        self.sparsity = sparsity
+        self._backend = backend
+        self._lock = Lock()
+        self._current: Factor | None = None
+        self._closed = False
 
-    def solve(self, rhs: Float[Array, "free column"]) -> Float[Array, "free column"]:
-        """Solve for all columns at once.
+    @property
+    def name(self) -> str:
+        """Name of the backend."""
+        return self._backend.name
+
+    def factor(self, values: Float[Array, " entry"]) -> Factor:
+        """Factorise the matrix with these values; the factor given out before becomes void.
+
+        Args:
+            values: Entries of the stored triangle.
 
         Raises:
-            SolverError: The answer does not satisfy the equations.
+            SolverError: The matrix is not positive definite, its values do not fit, or the solver is closed.
         """
-        answer = self.lu.solve(np.asfortranarray(rhs))
-        residual = np.abs(self.matrix @ answer - rhs).max(initial=0.0)
-        if not residual <= _WORST_RESIDUAL * np.abs(rhs).max(initial=0.0):
-            raise _singular()
+        values = check_values(self.sparsity, values)
+        with self._lock:
+            if self._closed:
+                raise _void("the solver is closed")
+            self._current = None
+            self._backend.factor(values)
+            self._current = Factor(self, values)
+            return self._current
+
+    def solve(self, factor: Factor, rhs: Float[Array, "free column"]) -> Float[Array, "free column"]:
+        """What `Factor.solve` calls: solve if the factor is still the current one."""
+        rhs = check_rhs(self.sparsity, rhs)
+        with self._lock:
+            if factor is not self._current:
+                raise _void("the solver is closed" if self._closed else "the factor is out of date")
+            return self._backend.solve(rhs)
+
+    def close(self) -> None:
+        """Give the memory back; the solver and its factor are void from here on."""
+        with self._lock:
+            self._closed, self._current = True, None
+            self._backend.close()
+
+    def __enter__(self) -> Solver:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class Factor:
+    """A factorised symmetric positive definite matrix; valid until its solver factors again or is closed."""
+
+    def __init__(self, solver: Solver, values: Float[Array, " entry"]) -> None:
+        self._solver, self._values = solver, values
+
+    def solve(self, rhs: Float[Array, "free column"]) -> Float[Array, "free column"]:
+        """Solve for all columns at once; columns that lie one after the other in memory save a copy.
+
+        Raises:
+            SolverError: The factor is void, the right-hand sides do not fit, or the answer misses them.
+        """
+        answer = self._solver.solve(self, rhs)
+        check_answer(self._solver.sparsity, self._values, rhs, answer)
         return answer
 
 
-def factor(matrix: sp.csc_array) -> Factor:
-    """Factorise a symmetric positive definite matrix given with both triangles.
+def available_backends() -> tuple[str, ...]:
+    """Names of the backends that are installed, the preferred first."""
+    return BACKENDS
+
+
+def open_solver(sparsity: Sparsity, backend: str = "auto", threads: int | None = None) -> Solver:
+    """Analyse a sparsity and get ready to factorise.
+
+    Args:
+        sparsity: Where the matrices have entries.
+        backend: Name of a backend, or ``auto`` for the first of `available_backends`.
+        threads: Threads inside the solver; as many as the environment allows if left out. Only ``pardiso``
+            has more than one.
 
     Raises:
-        SolverError: The matrix is singular.
+        ConfigError: There is no such backend, it is not installed, or the number of threads is below one.
     """
-    try:
-        lu = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    except RuntimeError as fault:
-        raise _singular() from fault
-    return SuperLUFactor(matrix, lu)
+    if threads is not None and threads < 1:
+        raise ConfigError(f"{threads} threads", where="shell solver", hint="give one thread or more")
+    name = available_backends()[0] if backend == "auto" else backend
+    if name not in BACKENDS:
+        raise ConfigError(
+            f"no shell solver is named '{backend}'",
+            where="shell solver",
+            hint=f"choose one of auto, {', '.join(BACKENDS)}",
+        )
+    return Solver(sparsity, SuperLU(sparsity))
 
 
-def _singular() -> SolverError:
+def _void(what: str) -> SolverError:
     return SolverError(
-        "the stiffness of the shell is singular",
-        where="shell",
-        hint="every part of the surface must hang on one of the two loops by at least one edge,"
-        " and the modulus must not span more than about ten orders of magnitude",
+        what,
+        where="shell solver",
+        hint="use the factor before its solver factors again, and the solver before it is closed",
     )

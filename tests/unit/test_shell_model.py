@@ -10,7 +10,6 @@ from hilbrace.shell import build_shell, pose_shell
 from hilbrace.shell.assembly import free_stiffness
 from hilbrace.shell.directors import nodal_directors, tangent_basis, triangle_normals
 from hilbrace.shell.loads import joint_line_shares
-from hilbrace.shell.solver import factor
 from tests.unit.shell_cases import global_stiffness, grid, tube
 
 TUBE = tube(10, 5, 30.0, 80.0, waviness=0.1)
@@ -156,22 +155,6 @@ def test_thickness_and_poisson_ratio_are_checked(thickness, poisson):
 def test_posing_another_mesh_is_refused():
     with pytest.raises(GeometryError, match="posed vertices"):
         pose_shell(small_shell(), TUBE[0][:-1])
-
-
-def test_singular_matrix_is_refused():
-    shell = small_shell()
-    matrix = free_stiffness(shell.numbering, shell.refill, np.ones(len(shell.triangles))).tolil()
-    matrix[7, :] = 0.0
-    matrix[:, 7] = 0.0
-    with pytest.raises(SolverError, match="singular"):
-        factor(matrix.tocsc()).solve(np.ones((matrix.shape[0], 1)))
-
-
-def test_factor_solves_many_right_hand_sides():
-    shell = small_shell()
-    matrix = free_stiffness(shell.numbering, shell.refill, np.ones(len(shell.triangles)))
-    expected = np.random.default_rng(3).standard_normal((matrix.shape[0], 7))
-    np.testing.assert_allclose(factor(matrix).solve(matrix @ expected), expected, rtol=1e-7, atol=1e-8)
 
 
 def test_shares_sum_to_one_and_follow_the_gaussian_window():

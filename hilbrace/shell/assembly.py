@@ -1,7 +1,7 @@
 """Numbering, sparsity and refill of the global stiffness: K(E) = sum over elements of E_e k0_e.
 
 The sparsity depends on the triangles and the clamped vertices alone, so it is found once, for one triangle of
-the symmetric matrix. Its values are one sparse product, ``values = S @ E``: column e of S holds what element e
+the symmetric matrix. Its values are one sparse product, ``values = S @ E``: column e of S is what element e
 adds to each entry of K.
 """
 

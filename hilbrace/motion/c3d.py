@@ -49,11 +49,14 @@ class C3DRecording:
     Attributes:
         markers: Markers; the first stored frame is at time zero.
         plates: Loads on the force plates, ``None`` if the file has none.
+        outputs: What a model computed from the markers (angles, forces, ...), by name, in the file's own
+            units; NaN where the file holds none.
         notes: What was left out or assumed, one sentence each.
     """
 
     markers: MarkerTable
     plates: PlateForces | None
+    outputs: dict[str, Float[Array, "frame 3"]]
     notes: tuple[str, ...]
 
 
@@ -194,17 +197,13 @@ def _recording(content: dict[str, Any], header: C3DHeader, path: Path) -> C3DRec
             f"a marker rate of {rate:g} Hz", where=str(path), hint="set POINT:RATE and export again"
         )
     scale, notes = _scale(str(content["units"]), path)
-    names, kept, more = _markers(content, path)
-    positions = points[:, kept] * scale
-    hidden = (
-        (content["residuals"][:, kept] < 0)
-        | np.all(positions == 0, axis=2)
-        | ~np.isfinite(positions).all(axis=2)
-    )
-    positions[hidden] = np.nan
-    markers = MarkerTable(names, np.arange(len(positions)) / rate, rate, positions)
+    names, kept, outputs, more = _markers(content, path)
+    hidden = (content["residuals"] < 0) | np.all(points == 0, axis=2) | ~np.isfinite(points).all(axis=2)
+    points = np.where(hidden[:, :, None], np.nan, points)
+    markers = MarkerTable(names, np.arange(len(points)) / rate, rate, points[:, kept] * scale)
     plates, yet_more = _plates(content, header, rate, path)
-    return C3DRecording(markers, plates, (*notes, *more, *yet_more))
+    computed = {name: points[:, k] for name, k in outputs.items()}
+    return C3DRecording(markers, plates, computed, (*notes, *more, *yet_more))
 
 
 def _scale(units: str, path: Path) -> tuple[float, tuple[str, ...]]:
@@ -217,10 +216,16 @@ def _scale(units: str, path: Path) -> tuple[float, tuple[str, ...]]:
     raise InputError(f"unknown unit '{units}'", where=f"{path}, POINT:UNITS", hint="set it to mm or m")
 
 
-def _markers(content: dict[str, Any], path: Path) -> tuple[tuple[str, ...], list[int], tuple[str, ...]]:
-    """Names without the subject's prefix, which trajectories they are, and what was left out."""
+def _markers(
+    content: dict[str, Any], path: Path
+) -> tuple[tuple[str, ...], list[int], dict[str, int], tuple[str, ...]]:
+    """Names without the subject's prefix, which trajectories they are, those computed, and what was left out.
+
+    Some programs list the outputs without the prefix that their labels carry, or list no angles at all.
+    """
     labels = [str(label).strip() for label in content["labels"]]
     outputs = {str(name).strip() for name in content["outputs"]}
+    outputs |= {label for label in labels if label.rsplit(":", 1)[-1] in outputs or label.endswith("Angles")}
     count = content["points"].shape[1]
     labels = (labels + [""] * count)[:count]
     unnamed = [k for k, label in enumerate(labels) if not label or label.startswith("*")]
@@ -240,7 +245,7 @@ def _markers(content: dict[str, Any], path: Path) -> tuple[tuple[str, ...], list
         notes.append(
             f"{path.name}: {len(computed)} model outputs (angles, forces, moments, powers) left out."
         )
-    return names, kept, tuple(notes)
+    return names, kept, {labels[k].rsplit(":", 1)[-1]: k for k in computed}, tuple(notes)
 
 
 def _plates(

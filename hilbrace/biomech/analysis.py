@@ -15,9 +15,10 @@ from jaxtyping import Float
 
 from hilbrace.biomech import dynamics
 from hilbrace.biomech.dynamics import GroundReaction, Momenta
+from hilbrace.biomech.calibration import calibrate
 from hilbrace.biomech.engine import Engine, Report
 from hilbrace.biomech.joint_loads import JOINTS, JointLoads, without_muscles
-from hilbrace.biomech.kinematics import Kinematics, calibrate, follow, own_markers
+from hilbrace.biomech.kinematics import Kinematics, follow, own_markers
 from hilbrace.biomech.model_figures import ModelFigures
 from hilbrace.body.body import Body
 from hilbrace.config import BiomechSettings, MotionSettings
@@ -199,6 +200,7 @@ def _loads(
     shape = (len(trial.time), len(JOINTS), 3)
     angles, force, moment = np.zeros(shape), np.empty(shape), np.empty(shape)
     axes, inertia, rotation = np.empty((*shape, 3)), np.empty((*shape, 3)), np.empty((*shape, 3))
+    jacobian = np.empty((*shape[:2], 6, 3))
     for k, joint in enumerate(joints_of_model(figures)):
         to_distal = np.swapaxes(model.rotation(joint.distal), -1, -2)
         wrench = dynamics.net_load(
@@ -211,8 +213,10 @@ def _loads(
         moment[:, k] = np.einsum("fij,fj->fi", to_distal, wrench.moment)
         angles[:, k, : len(joint.coordinates)] = coordinates[:, figures.columns(joint.coordinates)]
         rotation[:, k] = model.rotation(joint.distal)
-        in_ground, inertia[:, k] = _axes_and_inertia(model, joint, segments)
-        axes[:, k] = np.einsum("fij,fkj->fki", to_distal, in_ground)
+        about = _about_joint(model, joint, segments)
+        axes[:, k] = np.einsum("fij,fkj->fki", to_distal, about.axes)
+        inertia[:, k] = about.inertia
+        jacobian[:, k] = np.concatenate([to_distal @ about.slip, to_distal @ about.turn], axis=1)
     return JointLoads(
         time=trial.time,
         body_mass_kg=trial.mass_kg,
@@ -227,6 +231,7 @@ def _loads(
         acting_moment=moment,
         convention=convention,
         inertia=inertia,
+        distal_jacobian=jacobian,
         marker_names=fitted.marker_names,
         marker_error=fitted.marker_error,
         cutoff_hz=cutoff_hz,
@@ -252,10 +257,20 @@ def _ground_reaction(trial: Trial, foot: str) -> GroundReaction:
     return GroundReaction(trial.ground_force[:, k], trial.centre_of_pressure[:, k], trial.free_torque[:, k])
 
 
-def _axes_and_inertia(
-    model: _Moved, joint: JointOfModel, segments: Momenta
-) -> tuple[Float[Array, "frame axis 3"], Float[Array, "frame axis axis"]]:
-    """Unit axes of the joint's angles in the ground, and the inertia of the part below about them."""
+class _AboutJoint(NamedTuple):
+    """A joint's three angles in the ground frame: unit axes, and the inertia of the part below about them.
+
+    ``slip`` and ``turn`` are the velocity in the joint's centre and the angular velocity, per unit speed of
+    each angle, of the lowest body that the angles move (tibia, foot).
+    """
+
+    axes: Float[Array, "frame axis 3"]
+    inertia: Float[Array, "frame axis axis"]
+    slip: Float[Array, "frame 3 axis"]
+    turn: Float[Array, "frame 3 axis"]
+
+
+def _about_joint(model: _Moved, joint: JointOfModel, segments: Momenta) -> _AboutJoint:
     figures = model.figures
     columns = [model.moving.index(name) for name in joint.coordinates]
     rows = [model.watched.index(name) for name in joint.below]
@@ -273,7 +288,10 @@ def _axes_and_inertia(
     tensors = dynamics.inertia_in_ground(model.rotations[:, bodies], figures.inertias[bodies])
     unit = np.stack(axes, axis=1)
     unit = unit / np.linalg.norm(unit, axis=2, keepdims=True)
-    return unit, dynamics.generalised_inertia(turn, shift, figures.masses[bodies], tensors)
+    inertia = dynamics.generalised_inertia(turn, shift, figures.masses[bodies], tensors)
+    row = joint.below.index(joint.movers[-1])
+    slip = shift[:, row] - np.cross(turn[:, row], lever[:, row, :, None], axis=1)
+    return _AboutJoint(unit, inertia, slip, turn[:, row])
 
 
 def _further_axis(axes: list[Array], anterior: Float[Array, "frame 3"]) -> Float[Array, "frame 3"]:

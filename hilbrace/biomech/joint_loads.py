@@ -39,6 +39,10 @@ class JointLoads:
             distal frame [N*m].
         convention: ``"intersegmental"``, or ``"paper_literal"``: see `hilbrace.biomech.contact.acting_force`.
         inertia: Generalised inertia of the part below the joint about its three axes [kg*m^2].
+        distal_jacobian: What the part that carries the lower edge of a brace (tibia, foot) does per unit
+            speed of each angle: velocity of its point in the joint's centre [m], then turn [-], distal
+            frame. Its transpose takes a force on that part [N] and the moment about the joint's centre [N*m]
+            to moments about the three angles. The part above the joint does not move with them.
         marker_names: Markers tracked.
         marker_error: Distance of each marker from the model's [m]; NaN in gaps.
         cutoff_hz: Low-pass cut-off applied to coordinates and forces [Hz].
@@ -80,6 +84,7 @@ class JointLoads:
     acting_moment: Float[Array, "frame joint 3"]
     convention: str
     inertia: Float[Array, "frame joint 3 3"]
+    distal_jacobian: Float[Array, "frame joint 6 3"]
     marker_names: tuple[str, ...]
     marker_error: Float[Array, "frame marker"]
     cutoff_hz: float

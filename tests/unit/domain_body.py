@@ -141,6 +141,7 @@ def bending(body: Body, flexion_deg, side="left", **others) -> JointLoads:
         acting_moment=np.zeros((frames, 4, 3)),
         convention="intersegmental",
         inertia=np.broadcast_to(np.eye(3), (frames, 4, 3, 3)),
+        distal_jacobian=np.zeros((frames, 4, 6, 3)),
         marker_names=(),
         marker_error=np.zeros((frames, 0)),
         cutoff_hz=12.0,

@@ -69,6 +69,7 @@ def knee_loads(frames: int = 60, seconds: float = 1.0) -> JointLoads:
         acting_moment=np.zeros((frames, joints, 3)),
         convention="intersegmental",
         inertia=np.broadcast_to(np.diag([0.35, 0.35, 0.02]), (frames, joints, 3, 3)).copy(),
+        distal_jacobian=np.concatenate([np.zeros_like(axes), np.swapaxes(axes, 2, 3)], axis=2),
         marker_names=("marker",),
         marker_error=np.zeros((frames, 1)),
         cutoff_hz=12.0,

@@ -68,4 +68,4 @@ def grood_suntay_angles(
 
 
 def _dot(one: Float[Array, "*frame 3"], other: Float[Array, "*frame 3"]) -> Float[Array, "*frame"]:
-    return (one * other).sum(axis=-1)
+    return np.asarray((one * other).sum(axis=-1))

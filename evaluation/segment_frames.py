@@ -57,9 +57,7 @@ def foot_frame(
     return frame_from_axes(vertical, right, "foot")
 
 
-def frame_from_axes(
-    up: Float[Array, " 3"], right: Float[Array, " 3"], segment: str
-) -> Float[Array, "3 3"]:
+def frame_from_axes(up: Float[Array, " 3"], right: Float[Array, " 3"], segment: str) -> Float[Array, "3 3"]:
     """Frame with the given long axis and, as nearly as it can, the given rightward axis.
 
     Raises:

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float, Int
-from scipy.sparse.csgraph import connected_components
 
-from hilbrace.errors import GeometryError, SolverError
+from hilbrace.errors import GeometryError
 from hilbrace.shell.assembly import Numbering, coupling_map, number, refill_map
 from hilbrace.shell.directors import nodal_directors, tangent_basis
 from hilbrace.shell.element import element_stiffness
 from hilbrace.shell.loops import loop_centres, loop_motions
+from hilbrace.shell.mesh_checks import check_loops, check_numbers, check_supported
+from hilbrace.shell.section import isotropic
 
 Array = np.ndarray
 
@@ -73,9 +74,9 @@ def build_shell(
         GeometryError: The loops or the triangles make no shell.
         SolverError: A vertex or a part of the surface is held by nothing.
     """
-    _check_numbers(vertices, thickness_mm, poisson)
-    _check_loops(upper_loop, lower_loop)
-    _check_supported(len(vertices), triangles, upper_loop, lower_loop)
+    check_numbers(vertices, thickness_mm, poisson)
+    check_loops(upper_loop, lower_loop)
+    check_supported(len(vertices), triangles, upper_loop, lower_loop)
     numbering = number(len(vertices), triangles, np.concatenate([upper_loop, lower_loop]))
     return _assemble(vertices, triangles, upper_loop, lower_loop, thickness_mm, poisson, numbering)
 
@@ -96,7 +97,7 @@ def pose_shell(shell: ShellModel, vertices: Float[Array, "vertex 3"]) -> ShellMo
             where="posed shape of the shell",
             hint="pose the vertices of the same domain",
         )
-    _check_numbers(vertices, shell.thickness_mm, shell.poisson)
+    check_numbers(vertices, shell.thickness_mm, shell.poisson)
     return _assemble(
         vertices,
         shell.triangles,
@@ -120,7 +121,11 @@ def _assemble(
     directors = nodal_directors(vertices, triangles)
     tangents = tangent_basis(directors)
     stiffness = element_stiffness(
-        vertices[triangles], directors[triangles], tangents[triangles], thickness_mm, poisson
+        vertices[triangles],
+        directors[triangles],
+        tangents[triangles],
+        np.full(len(triangles), float(thickness_mm)),
+        isotropic(poisson),
     )
     motions = loop_motions(vertices, tangents, upper_loop, lower_loop)
     return ShellModel(
@@ -137,75 +142,3 @@ def _assemble(
         refill=refill_map(numbering, stiffness),
         coupling=coupling_map(numbering, stiffness, motions),
     )
-
-
-def _check_numbers(vertices: Float[Array, "vertex 3"], thickness_mm: float, poisson: float) -> None:
-    if not (thickness_mm > 0 and 0 <= poisson < 0.5):
-        raise GeometryError(
-            f"thickness {thickness_mm:g} mm and Poisson's ratio {poisson:g} make no shell",
-            where="material.thickness_mm, material.poisson",
-            hint="the thickness must be above 0, the ratio from 0 to below 0.5",
-        )
-    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
-    if bad.size:
-        raise GeometryError(
-            f"{bad.size} vertices have no finite position",
-            where=f"vertex {bad[0]} of the shell",
-            hint="check the frame of the motion that posed the surface",
-        )
-
-
-def _check_loops(upper_loop: Int[Array, " upper"], lower_loop: Int[Array, " lower"]) -> None:
-    for name, loop in (("upper", upper_loop), ("lower", lower_loop)):
-        if len(np.unique(loop)) < 3 or len(np.unique(loop)) != len(loop):
-            raise GeometryError(
-                f"the {name} loop is no loop: {len(loop)} vertices, {len(np.unique(loop))} of them different",
-                where="domain",
-                hint="a loop needs three vertices or more, each once",
-            )
-    shared = np.intersect1d(upper_loop, lower_loop)
-    if shared.size:
-        raise GeometryError(
-            f"{shared.size} vertices lie on both loops",
-            where=f"vertex {shared[0]} of the domain",
-            hint="move the edges of the region apart",
-        )
-
-
-def _check_supported(
-    vertices: int,
-    triangles: Int[Array, "triangle 3"],
-    upper_loop: Int[Array, " upper"],
-    lower_loop: Int[Array, " lower"],
-) -> None:
-    loose = np.setdiff1d(np.arange(vertices), triangles)
-    if loose.size:
-        raise SolverError(
-            f"{loose.size} vertices belong to no triangle, so nothing holds them",
-            where=f"vertex {loose[0]} of the shell",
-            hint="drop unused vertices from the surface",
-        )
-    part = _parts(triangles, vertices)
-    on_loop = np.isin(triangles, np.concatenate([upper_loop, lower_loop]))
-    part_and_vertex = np.stack([np.broadcast_to(part[:, None], triangles.shape), triangles], axis=-1)
-    supports = np.unique(part_and_vertex[on_loop], axis=0)[:, 0]
-    held = np.flatnonzero(np.bincount(supports, minlength=part.max() + 1) >= 2)
-    floating = np.flatnonzero(~np.isin(part, held))
-    if floating.size:
-        raise SolverError(
-            f"{floating.size} triangles are held by no edge of a loop",
-            where=f"triangle {floating[0]} of the shell",
-            hint="keep the one part of the surface that joins both loops, without flaps on single vertices",
-        )
-
-
-def _parts(triangles: Int[Array, "triangle 3"], vertices: int) -> Int[Array, " triangle"]:
-    """Number of the part that each triangle belongs to; triangles hang together by shared edges."""
-    start, end = triangles.ravel().astype(np.int64), np.roll(triangles, -1, axis=1).ravel()
-    key = np.minimum(start, end) * vertices + np.maximum(start, end)
-    edges, edge = np.unique(key, return_inverse=True)
-    owner = np.repeat(np.arange(len(triangles)), 3)
-    shape = (len(triangles), len(edges))
-    incidence = sp.csr_array((np.ones(len(owner)), (owner, edge)), shape=shape)
-    _, part = connected_components(incidence @ incidence.T, directed=False)
-    return part

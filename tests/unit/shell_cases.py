@@ -14,6 +14,7 @@ from scipy.sparse.linalg import splu
 
 from hilbrace.shell.directors import tangent_basis
 from hilbrace.shell.element import element_stiffness
+from hilbrace.shell.section import isotropic
 
 
 def grid(columns, rows, rising):
@@ -96,7 +97,11 @@ class Problem:
         tangents = tangent_basis(self.directors)
         corners = self.triangles
         local = element_stiffness(
-            self.vertices[corners], self.directors[corners], tangents[corners], self.thickness, self.poisson
+            self.vertices[corners],
+            self.directors[corners],
+            tangents[corners],
+            np.full(len(corners), self.thickness),
+            isotropic(self.poisson),
         )
         turn = np.zeros((len(corners), 15, 18))
         drill = np.zeros((len(corners), 18, 18))

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from hilbrace.shell.directors import tangent_basis
 from hilbrace.shell.element import element_stiffness, uncondensed_stiffness
+from hilbrace.shell.section import isotropic
 from tests.unit import shell_cases as cases
 
 # Published rows for meshes of N = 4, 8, 16 (Ko, Lee, Lee & Bathe 2017; twisted beam and hook N = 2, 4, 8).
@@ -80,7 +81,9 @@ def test_eigenvalues_of_one_element_match_the_published_table():
     )
     corners = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]])
     up = np.tile([0.0, 0.0, 1.0], (1, 3, 1))
-    full = uncondensed_stiffness(corners, up, tangent_basis(up), 1e-4, 0.3, seven_points())
+    full = uncondensed_stiffness(
+        corners, up, tangent_basis(up), np.full(1, 1e-4), isotropic(0.3), seven_points()
+    )
     ours = 1.7472e7 * np.linalg.eigvalsh(full[0])[6:]
     np.testing.assert_allclose(ours, published, rtol=1e-4)
 
@@ -108,7 +111,9 @@ def element(seed):
 
 
 def stiffness(corners, directors, tangents, thickness=0.3, poisson=0.45):
-    return element_stiffness(corners[None], directors[None], tangents[None], thickness, poisson)[0]
+    return element_stiffness(
+        corners[None], directors[None], tangents[None], np.full(1, thickness), isotropic(poisson)
+    )[0]
 
 
 @given(st.integers(0, 10_000))

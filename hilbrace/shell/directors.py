@@ -14,6 +14,9 @@ from hilbrace.errors import GeometryError
 
 Array = np.ndarray
 
+_STEEPEST = 0.2
+"""Least cosine between a triangle's normal and the director of a corner: 78 degrees, a crease."""
+
 
 def triangle_normals(
     vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]
@@ -43,8 +46,8 @@ def nodal_directors(
     """Unit directors [-]: angle-weighted means of the normals of the triangles around each vertex.
 
     Raises:
-        GeometryError: A triangle has no area, or stands at 90 degrees or more to the director of a corner
-            (a fold, a crease, or triangles of mixed orientation).
+        GeometryError: A triangle has no area, or stands so steep to the director of a corner that this
+            means nothing (a fold, a crease, or triangles of mixed orientation).
     """
     normals, _ = triangle_normals(vertices, triangles)
     corners = vertices[triangles]
@@ -75,10 +78,10 @@ def _refuse_folds(
     triangles: Int[Array, "triangle 3"],
 ) -> None:
     cosine = np.einsum("ec,eic->ei", normals, directors[triangles]).min(axis=1)
-    folded = np.flatnonzero(~(cosine > 0.0))
+    folded = np.flatnonzero(~(cosine > _STEEPEST))
     if folded.size:
         raise GeometryError(
-            f"{folded.size} triangles stand at 90 degrees or more to the mean normal of a corner",
+            f"{folded.size} triangles stand steeper than 78 degrees to the mean normal of a corner",
             where=f"triangle {folded[0]} of the shell",
             hint="orient all triangles outwards, and smooth folds and sharp creases of the surface",
         )

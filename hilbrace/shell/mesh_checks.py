@@ -1,48 +1,164 @@
-"""What makes a triangle mesh a shell that can be computed; everything else is refused by name."""
+"""What makes a triangle mesh a shell that can be computed; everything else is refused by name.
+
+A shell is one piece of consistently oriented triangles, at most two on an edge, with two closed boundaries to
+hold it by. Further boundaries are windows.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.sparse as sp
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.sparse.csgraph import connected_components
 
 from hilbrace.errors import GeometryError, SolverError
 
 Array = np.ndarray
 
+WORST_SHAPE = 1e-3
+"""Least ratio of a triangle's area to that of the regular one with the same sum of squared sides."""
 
-def check_numbers(vertices: Float[Array, "vertex 3"], thickness_mm: float, poisson: float) -> None:
-    """Refuse a thickness [mm], Poisson's ratio or vertex position [mm] that makes no shell.
+
+def check_surface(
+    vertices: Float[Array, "vertex 3"],
+    triangles: Int[Array, "triangle 3"],
+    upper_loop: Int[Array, " upper"],
+    lower_loop: Int[Array, " lower"],
+) -> None:
+    """Refuse a surface that is no shell between two closed loops.
+
+    Args:
+        vertices: Positions [mm].
+        triangles: Vertex indices.
+        upper_loop: Vertices of the upper (proximal) loop, in any order.
+        lower_loop: Vertices of the lower (distal) loop, in any order.
 
     Raises:
-        GeometryError: A number is out of its range; the vertex or the setting is named.
+        GeometryError: The triangles or loops are wrong; the first triangle, edge or vertex is named.
+        SolverError: A vertex or a part of the surface is held by nothing.
     """
-    if not (thickness_mm > 0 and 0 <= poisson < 0.5):
+    _check_indices(len(vertices), triangles, upper_loop, lower_loop)
+    _check_repeats(triangles)
+    check_shape(vertices, triangles)
+    _check_loops_apart(upper_loop, lower_loop)
+    edges = _edges(triangles, len(vertices))
+    _check_manifold(edges)
+    _check_one_piece(len(vertices), triangles, edges)
+    _check_orientation(edges)
+    for name, loop in (("upper", upper_loop), ("lower", lower_loop)):
+        _check_closed(name, loop, edges)
+
+
+def check_shape(vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]) -> None:
+    """Refuse positions that are not finite, and triangles without area or as thin as needles.
+
+    Args:
+        vertices: Positions [mm], of the rest or of a posed shape.
+        triangles: Vertex indices.
+
+    Raises:
+        GeometryError: The first such vertex or triangle is named.
+    """
+    lost = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+    if lost.size:
         raise GeometryError(
-            f"thickness {thickness_mm:g} mm and Poisson's ratio {poisson:g} make no shell",
-            where="material.thickness_mm, material.poisson",
-            hint="the thickness must be above 0, the ratio from 0 to below 0.5",
-        )
-    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
-    if bad.size:
-        raise GeometryError(
-            f"{bad.size} vertices have no finite position",
-            where=f"vertex {bad[0]} of the shell",
+            f"{lost.size} vertices have no finite position",
+            where=f"vertex {lost[0]} of the shell",
             hint="check the frame of the motion that posed the surface",
         )
+    sides = np.roll(vertices[triangles], -1, axis=1) - vertices[triangles]
+    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    regular = (sides**2).sum(axis=(1, 2)) / (4.0 * np.sqrt(3.0))
+    thin = np.flatnonzero(~(area > WORST_SHAPE * regular))
+    if thin.size:
+        raise GeometryError(
+            f"{thin.size} triangles have no area, or are as thin as needles",
+            where=f"triangle {thin[0]} of the shell",
+            hint="remesh the surface, or weld its doubled vertices",
+        )
 
 
-def check_loops(upper_loop: Int[Array, " upper"], lower_loop: Int[Array, " lower"]) -> None:
-    """Refuse loops that are too short, repeat a vertex or share one.
+def check_thickness(thickness: Float[Array, " triangle"]) -> None:
+    """Refuse a thickness [mm] that is not positive and finite.
 
     Raises:
-        GeometryError: The loop is named.
+        GeometryError: The first such triangle is named.
     """
-    for name, loop in (("upper", upper_loop), ("lower", lower_loop)):
-        if len(np.unique(loop)) < 3 or len(np.unique(loop)) != len(loop):
+    wrong = np.flatnonzero(~((thickness > 0) & np.isfinite(thickness)))
+    if wrong.size:
+        raise GeometryError(
+            f"the thicknesses of {wrong.size} triangles make no shell",
+            where=f"triangle {wrong[0]}, thickness {thickness[wrong[0]]:g} mm",
+            hint="give every triangle a finite thickness above 0",
+        )
+
+
+@dataclass(frozen=True)
+class _Edges:
+    """Edges of a mesh. Side 3 t + k of the triangles runs from corner k of triangle t to the next one."""
+
+    ends: Int[Array, "edge 2"]
+    """Vertices, the lower index first."""
+    of_side: Int[Array, " side"]
+    rising: Bool[Array, " side"]
+    """The side runs from the lower to the higher index."""
+    sides: Int[Array, " edge"]
+    """Sides on each edge: 1 on a boundary, 2 inside."""
+
+
+def _edges(triangles: Int[Array, "triangle 3"], vertices: int) -> _Edges:
+    start, end = triangles.ravel().astype(np.int64), np.roll(triangles, -1, axis=1).ravel()
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    keys, of_side, sides = np.unique(low * vertices + high, return_inverse=True, return_counts=True)
+    return _Edges(np.stack(np.divmod(keys, vertices), axis=1), of_side, start < end, sides)
+
+
+def _check_indices(
+    vertices: int,
+    triangles: Int[Array, "triangle 3"],
+    upper_loop: Int[Array, " upper"],
+    lower_loop: Int[Array, " lower"],
+) -> None:
+    for name, indices in (("triangle", triangles), ("upper loop", upper_loop), ("lower loop", lower_loop)):
+        outside = (indices < 0) | (indices >= vertices)
+        if outside.any():
+            entry = np.argwhere(outside)[0]
             raise GeometryError(
-                f"the {name} loop is no loop: {len(loop)} vertices, {len(np.unique(loop))} of them different",
+                f"{int(outside.sum())} indices lead to no vertex; there are {vertices}",
+                where=f"{name} entry {entry[0]}: vertex {indices[tuple(entry)]}"
+                if indices.ndim == 1
+                else f"{name} {entry[0]}: vertex {indices[tuple(entry)]}",
+                hint="count vertices from 0, and keep triangles and vertices of one mesh together",
+            )
+
+
+def _check_repeats(triangles: Int[Array, "triangle 3"]) -> None:
+    corners = np.sort(triangles, axis=1)
+    collapsed = np.flatnonzero((corners[:, 1:] == corners[:, :-1]).any(axis=1))
+    if collapsed.size:
+        raise GeometryError(
+            f"{collapsed.size} triangles have no area: a vertex stands in them twice",
+            where=f"triangle {collapsed[0]} of the shell",
+            hint="drop collapsed triangles from the surface",
+        )
+    _, first, which = np.unique(corners, axis=0, return_index=True, return_inverse=True)
+    doubled = np.flatnonzero(first[which.ravel()] != np.arange(len(triangles)))
+    if doubled.size:
+        raise GeometryError(
+            f"{doubled.size} triangles stand in the surface twice",
+            where=f"triangle {doubled[0]} repeats triangle {first[which.ravel()[doubled[0]]]}",
+            hint="drop doubled triangles from the surface",
+        )
+
+
+def _check_loops_apart(upper_loop: Int[Array, " upper"], lower_loop: Int[Array, " lower"]) -> None:
+    for name, loop in (("upper", upper_loop), ("lower", lower_loop)):
+        different = len(np.unique(loop))
+        if different < 3 or different != len(loop):
+            raise GeometryError(
+                f"the {name} loop is no loop: {len(loop)} vertices, {different} of them different",
                 where="domain",
                 hint="a loop needs three vertices or more, each once",
             )
@@ -55,17 +171,20 @@ def check_loops(upper_loop: Int[Array, " upper"], lower_loop: Int[Array, " lower
         )
 
 
-def check_supported(
-    vertices: int,
-    triangles: Int[Array, "triangle 3"],
-    upper_loop: Int[Array, " upper"],
-    lower_loop: Int[Array, " lower"],
-) -> None:
-    """Refuse vertices and parts of the surface that no edge of a loop holds.
+def _check_manifold(edges: _Edges) -> None:
+    crowded = np.flatnonzero(edges.sides > 2)
+    if crowded.size:
+        edge = crowded[0]
+        on_it = np.flatnonzero(edges.of_side == edge) // 3
+        low, high = edges.ends[edge]
+        raise GeometryError(
+            f"{crowded.size} edges carry three triangles or more",
+            where=f"edge from vertex {low} to {high}, triangles {', '.join(map(str, on_it))}",
+            hint="a shell has one sheet: remove fins and inner walls from the surface",
+        )
 
-    Raises:
-        SolverError: The vertex or triangle is named.
-    """
+
+def _check_one_piece(vertices: int, triangles: Int[Array, "triangle 3"], edges: _Edges) -> None:
     loose = np.setdiff1d(np.arange(vertices), triangles)
     if loose.size:
         raise SolverError(
@@ -73,27 +192,58 @@ def check_supported(
             where=f"vertex {loose[0]} of the shell",
             hint="drop unused vertices from the surface",
         )
-    part = _parts(triangles, vertices)
-    on_loop = np.isin(triangles, np.concatenate([upper_loop, lower_loop]))
-    part_and_vertex = np.stack([np.broadcast_to(part[:, None], triangles.shape), triangles], axis=-1)
-    supports = np.unique(part_and_vertex[on_loop], axis=0)[:, 0]
-    held = np.flatnonzero(np.bincount(supports, minlength=part.max() + 1) >= 2)
-    floating = np.flatnonzero(~np.isin(part, held))
-    if floating.size:
+    owner = np.arange(3 * len(triangles)) // 3
+    incidence = sp.csr_array(
+        (np.ones(len(owner)), (owner, edges.of_side)), shape=(len(triangles), len(edges.ends))
+    )
+    pieces, piece = connected_components(incidence @ incidence.T, directed=False)
+    if pieces > 1:
+        apart = np.flatnonzero(piece != np.bincount(piece).argmax())
         raise SolverError(
-            f"{floating.size} triangles are held by no edge of a loop",
-            where=f"triangle {floating[0]} of the shell",
+            f"the surface falls into {pieces} pieces; {apart.size} triangles share no edge with the main one",
+            where=f"triangle {apart[0]} of the shell",
             hint="keep the one part of the surface that joins both loops, without flaps on single vertices",
         )
 
 
-def _parts(triangles: Int[Array, "triangle 3"], vertices: int) -> Int[Array, " triangle"]:
-    """Number of the part that each triangle belongs to; triangles hang together by shared edges."""
-    start, end = triangles.ravel().astype(np.int64), np.roll(triangles, -1, axis=1).ravel()
-    key = np.minimum(start, end) * vertices + np.maximum(start, end)
-    edges, edge = np.unique(key, return_inverse=True)
-    owner = np.repeat(np.arange(len(triangles)), 3)
-    shape = (len(triangles), len(edges))
-    incidence = sp.csr_array((np.ones(len(owner)), (owner, edge)), shape=shape)
-    _, part = connected_components(incidence @ incidence.T, directed=False)
-    return part
+def _check_orientation(edges: _Edges) -> None:
+    rising = np.bincount(edges.of_side, edges.rising, minlength=len(edges.ends))
+    against = (edges.sides == 2) & (rising != 1)
+    if against.any():
+        wrong = against[edges.of_side].reshape(-1, 3).sum(axis=1)
+        worst = int(wrong.argmax())
+        edge = edges.of_side[3 * worst + int(against[edges.of_side].reshape(-1, 3)[worst].argmax())]
+        neighbour = next(
+            int(side) // 3 for side in np.flatnonzero(edges.of_side == edge) if side // 3 != worst
+        )
+        raise GeometryError(
+            f"{int(against.sum())} edges are run through the same way by both of their triangles",
+            where=f"triangle {worst} against its neighbour {neighbour}",
+            hint="turn inverted triangles over, so that all of them face outwards",
+        )
+
+
+def _check_closed(name: str, loop: Int[Array, " loop"], edges: _Edges) -> None:
+    """The loop's vertices must be all vertices of one boundary."""
+    on_loop = np.isin(edges.ends, loop).all(axis=1) & (edges.sides == 1)
+    steps = edges.ends[on_loop]
+    degree = np.bincount(steps.ravel(), minlength=int(loop.max()) + 1)[loop]
+    open_at = np.flatnonzero(degree != 2)
+    if open_at.size:
+        ends = "no" if degree[open_at[0]] == 0 else str(degree[open_at[0]])
+        raise GeometryError(
+            f"the {name} loop is not closed: {open_at.size} of its vertices do not have two neighbours on it"
+            " along the boundary",
+            where=f"vertex {loop[open_at[0]]} of the shell, {ends} boundary edges of the loop",
+            hint="give all vertices of one boundary, and weld the seam of a cut surface",
+        )
+    size = int(edges.ends.max()) + 1
+    graph = sp.csr_array((np.ones(len(steps)), (steps[:, 0], steps[:, 1])), shape=(size, size))
+    _, chain = connected_components(graph, directed=False)
+    apart = np.flatnonzero(chain[loop] != chain[loop[0]])
+    if apart.size:
+        raise GeometryError(
+            f"the {name} loop runs along more than one boundary",
+            where=f"vertex {loop[apart[0]]} lies on another boundary than vertex {loop[0]}",
+            hint="leave windows free: a loop is one edge of the brace",
+        )

@@ -13,7 +13,7 @@ from hilbrace.shell.assembly import Numbering, coupling_map, number, refill_map
 from hilbrace.shell.directors import nodal_directors, tangent_basis
 from hilbrace.shell.element import element_stiffness
 from hilbrace.shell.loops import loop_centres, loop_motions
-from hilbrace.shell.mesh_checks import check_loops, check_numbers, check_supported
+from hilbrace.shell.mesh_checks import check_shape, check_surface, check_thickness
 from hilbrace.shell.section import isotropic
 
 Array = np.ndarray
@@ -74,9 +74,8 @@ def build_shell(
         GeometryError: The loops or the triangles make no shell.
         SolverError: A vertex or a part of the surface is held by nothing.
     """
-    check_numbers(vertices, thickness_mm, poisson)
-    check_loops(upper_loop, lower_loop)
-    check_supported(len(vertices), triangles, upper_loop, lower_loop)
+    check_surface(vertices, triangles, upper_loop, lower_loop)
+    check_thickness(np.full(len(triangles), float(thickness_mm)))
     numbering = number(len(vertices), triangles, np.concatenate([upper_loop, lower_loop]))
     return _assemble(vertices, triangles, upper_loop, lower_loop, thickness_mm, poisson, numbering)
 
@@ -97,7 +96,7 @@ def pose_shell(shell: ShellModel, vertices: Float[Array, "vertex 3"]) -> ShellMo
             where="posed shape of the shell",
             hint="pose the vertices of the same domain",
         )
-    check_numbers(vertices, shell.thickness_mm, shell.poisson)
+    check_shape(vertices, shell.triangles)
     return _assemble(
         vertices,
         shell.triangles,

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float
 
 from hilbrace.biomech import dynamics
-from hilbrace.biomech.dynamics import GroundReaction, Momenta
 from hilbrace.biomech.calibration import calibrate
+from hilbrace.biomech.dynamics import GroundReaction, Momenta
 from hilbrace.biomech.engine import Engine, Report
 from hilbrace.biomech.joint_loads import JOINTS, JointLoads, without_muscles
 from hilbrace.biomech.kinematics import Kinematics, follow, own_markers

@@ -1,4 +1,4 @@
-"""From markers to joint angles: calibrate the model to the standing pose, then follow the motion."""
+"""From markers to joint angles: follow a motion with a model that carries its markers."""
 
 from __future__ import annotations
 
@@ -12,15 +12,11 @@ from hilbrace.biomech.engine import Engine, Report
 from hilbrace.biomech.markers import (
     PlacedMarkers,
     check_segments,
-    landmarks_on_model,
     markers_of_model,
-    weight_of,
-    with_ankle_centres,
 )
 from hilbrace.biomech.model_figures import ModelFigures
 from hilbrace.errors import InputError
 from hilbrace.motion.filters import gap_free_runs
-from hilbrace.motion.marker_maps import MarkerMap, match_markers
 from hilbrace.motion.trial import Trial
 
 Array = np.ndarray
@@ -56,67 +52,6 @@ class Kinematics:
     marker_names: tuple[str, ...]
     marker_error: Float[Array, "frame marker"]
     notes: tuple[str, ...]
-
-
-def calibrate(
-    engine: Engine, figures: ModelFigures, trial: Trial, marker_map: MarkerMap
-) -> tuple[PlacedMarkers, Float[Array, " coordinate"], tuple[str, ...]]:
-    """Put every marker where it sits on the scaled model while the subject stands.
-
-    The pose comes from the landmarks at the model's places; then each marker, landmark or cluster, moves to
-    where it was measured in that pose (as OpenSim's marker placer does), so that what is left of a landmark's
-    misfit does not disturb the motion. A standing knee is neutral in adduction and rotation by definition:
-    what its landmarks say otherwise is the shape of the bones.
-
-    Args:
-        engine: Engine that holds the scaled model.
-        figures: Figures of that model.
-        trial: Recording with a standing trial.
-        marker_map: Meaning of the marker names.
-
-    Returns:
-        Markers on the model, the standing pose [rad or m], and notes.
-
-    Raises:
-        InputError: Too few landmarks, or the map does not fit the model.
-    """
-    names = (*trial.static_marker_names, *trial.marker_names)
-    marker_map = match_markers(marker_map, names, f"'{trial.name}' and its standing trial")
-    landmarks = landmarks_on_model(marker_map, figures)
-    place = dict(zip(trial.static_marker_names, trial.static_markers, strict=True))
-    place = {name: point for name, point in place.items() if np.isfinite(point).all()}
-    standing = landmarks.of(place)
-    check_segments(standing, place, f"standing trial of '{trial.name}'", standing=True)
-    measured = np.array([place[name] for name in standing.names])
-    standing, measured = with_ankle_centres(standing, measured, marker_map.landmarks)
-    start = _facing(engine, figures, standing, measured, figures.defaults)
-    fitted = engine.call(
-        "inverse_kinematics",
-        bodies=standing.bodies,
-        locations=standing.locations,
-        weights=standing.weights,
-        measured=measured[None],
-        start=start,
-        fixed=(*_fixed(figures, standing), *KNEE_FRONTAL),
-    )
-    pose = fitted["coordinates"][0]
-    names = [name for name in marker_map.known() if name in place]
-    carriers = [
-        figures.marker_bodies[marker_map.landmarks[name]]
-        if name in marker_map.landmarks
-        else marker_map.clusters[name]
-        for name in names
-    ]
-    rotations, origins = _pose_of(engine, figures, pose, carriers)
-    offsets = np.array([place[name] for name in names]) - origins
-    placed = PlacedMarkers(
-        tuple(names),
-        tuple(carriers),
-        np.einsum("mji,mj->mi", rotations, offsets),
-        np.array([weight_of(body) for body in carriers]),
-    )
-    misfit = 1e3 * float(np.sqrt((fitted["errors"][0][standing.weights == 1] ** 2).mean()))
-    return placed, pose, (f"standing pose: bony landmarks within {misfit:.1f} mm RMS of the scaled model",)
 
 
 def follow(
@@ -163,8 +98,8 @@ def follow(
         locations=tracked.locations,
         weights=tracked.weights,
         measured=measured,
-        start=_facing(engine, figures, visible, measured[0, first], start),
-        fixed=_fixed(figures, tracked),
+        start=facing(engine, figures, visible, measured[0, first], start),
+        fixed=fixed_coordinates(figures, tracked),
         held=dict.fromkeys(KNEE_FRONTAL, knee_hold),
     )
     coordinates, bridged = _bridge(fitted["coordinates"], fitted["support"], figures, trial)
@@ -187,7 +122,7 @@ def _listed(what: str, names: set[str]) -> list[str]:
     return [f"{what}: {', '.join(sorted(names))}"] if names else []
 
 
-def _fixed(figures: ModelFigures, markers: PlacedMarkers) -> tuple[str, ...]:
+def fixed_coordinates(figures: ModelFigures, markers: PlacedMarkers) -> tuple[str, ...]:
     """Coordinates that stay: those the model locks, less those of a foot that carries enough markers.
 
     Inversion is free where a foot carries three markers; the toes' joint where the toes do themselves. Wrists
@@ -203,7 +138,7 @@ def _fixed(figures: ModelFigures, markers: PlacedMarkers) -> tuple[str, ...]:
     return tuple(name for name in figures.locked if name not in freed)
 
 
-def _facing(
+def facing(
     engine: Engine,
     figures: ModelFigures,
     markers: PlacedMarkers,
@@ -217,8 +152,8 @@ def _facing(
     turned = pose.copy()
     columns = figures.columns(root)
     for _ in range(2):  # the second pass mends the place after the turn about the pelvis
-        rotations, origins = _pose_of(engine, figures, turned, markers.bodies)
-        model = origins + np.einsum("mij,mj->mi", rotations, markers.locations)
+        rotations, origins = poses_of(engine, figures, turned[None], markers.bodies)
+        model = (origins + np.einsum("fmij,mj->fmi", rotations, markers.locations))[0]
         a, b = model - model.mean(axis=0), measured - measured.mean(axis=0)
         along = (a[:, 0] * b[:, 0] + a[:, 2] * b[:, 2]).sum()
         across = (a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]).sum()
@@ -227,12 +162,13 @@ def _facing(
     return turned
 
 
-def _pose_of(
-    engine: Engine, figures: ModelFigures, pose: Float[Array, " coordinate"], bodies: Sequence[str]
-) -> tuple[Float[Array, "marker 3 3"], Float[Array, "marker 3"]]:
-    frames = engine.call("poses", coordinates=pose[None])
+def poses_of(
+    engine: Engine, figures: ModelFigures, poses: Float[Array, "frame coordinate"], bodies: Sequence[str]
+) -> tuple[Float[Array, "frame marker 3 3"], Float[Array, "frame marker 3"]]:
+    """Rotations to the ground and origins [m] of some bodies, which may repeat, in some poses."""
+    frames = engine.call("poses", coordinates=poses)
     rows = figures.rows(bodies)
-    return frames["rotations"][0, rows], frames["origins"][0, rows]
+    return frames["rotations"][:, rows], frames["origins"][:, rows]
 
 
 def _bridge(

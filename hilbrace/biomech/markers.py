@@ -93,8 +93,8 @@ def _standing_weight(name: str, body: str) -> float:
 
 
 def with_ankle_centres(
-    markers: PlacedMarkers, measured: Float[Array, "marker 3"], on_model: dict[str, str]
-) -> tuple[PlacedMarkers, Float[Array, "marker 3"]]:
+    markers: PlacedMarkers, measured: Float[Array, "frame marker 3"], on_model: dict[str, str]
+) -> tuple[PlacedMarkers, Float[Array, "frame marker 3"]]:
     """Replace the two malleoli of a leg by the point between them.
 
     The direction from one to the other is the shank's torsion, which is anatomy and differs by 20 deg
@@ -112,7 +112,7 @@ def with_ankle_centres(
         both = [k for k in pair if k is not None]
         if len(both) == 2:
             locations[both] = locations[both].mean(axis=0)
-            measured[both] = measured[both].mean(axis=0)
+            measured[:, both] = measured[:, both].mean(axis=1, keepdims=True)
     return PlacedMarkers(markers.names, markers.bodies, locations, weights), measured
 
 

@@ -33,16 +33,16 @@ ROUNDS = 3
 
 
 def build_body(trial: Trial, settings: BodySettings) -> Body:
-    """The body of the person who stands in a trial.
+    """The body of the person in a trial, measured while standing, or in the motion where nobody stands.
 
     Args:
-        trial: A recording with standing markers.
+        trial: A recording.
         settings: Settings of the skin.
 
     Raises:
-        InputError: No standing marker is a landmark of the skeleton, or the mass is unknown.
+        InputError: No marker is a landmark of the skeleton, or the mass is unknown.
     """
-    landmarks = standing_landmarks(trial)
+    landmarks = standing_landmarks(trial) if trial.static_marker_names else moving_landmarks(trial)
     scales = segment_scales(landmarks, load_table(), trial.height_m)
     return body_of(scales, trial.mass_kg, trial.height_m, settings, joint_breadths(landmarks))
 
@@ -54,11 +54,18 @@ def standing_landmarks(trial: Trial) -> dict[str, Float[Array, " 3"]]:
     return {names[name]: place for name, place in seen if name in names and np.isfinite(place).all()}
 
 
-def joint_breadths(landmarks: dict[str, Float[Array, " 3"]]) -> dict[str, float]:
+def moving_landmarks(trial: Trial) -> dict[str, Float[Array, "frame 3"]]:
+    """Markers of a motion by their names in the skeleton's table [m], one place per surveyed frame."""
+    names = read_marker_map(trial.marker_map).landmarks
+    markers = trial.markers_to_measure()
+    return {names[name]: markers[:, k] for k, name in enumerate(trial.marker_names) if name in names}
+
+
+def joint_breadths(landmarks: dict[str, Float[Array, "... 3"]]) -> dict[str, float]:
     """Breadths across knees and ankles [m] where markers on both sides of the joint were worn.
 
     Args:
-        landmarks: Standing markers by their names in the skeleton's table [m].
+        landmarks: Markers by their names in the skeleton's table [m], one place or one per frame.
 
     Returns:
         Figures of `hilbrace.body.fit.measure`; the mean of both legs, less the markers' own size.
@@ -66,7 +73,12 @@ def joint_breadths(landmarks: dict[str, Float[Array, " 3"]]) -> dict[str, float]
     breadths = {}
     for joint, (outer, inner) in _ACROSS.items():
         pairs = [(landmarks.get(s + outer), landmarks.get(s + inner)) for s in "RL"]
-        seen = [float(np.linalg.norm(a - b)) for a, b in pairs if a is not None and b is not None]
+        gaps = [np.linalg.norm(a - b, axis=-1) for a, b in pairs if a is not None and b is not None]
+        seen = [
+            float(np.median(gap[np.isfinite(gap)]))
+            for gap in map(np.atleast_1d, gaps)
+            if np.isfinite(gap).any()
+        ]
         if seen:
             breadths[f"{joint} breadth"] = float(np.mean(seen)) - 2.0 * MARKER_RADIUS
     return breadths

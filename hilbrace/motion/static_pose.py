@@ -77,6 +77,16 @@ def static_pose(recording: Recording, held: tuple[str, ...], threshold_n: float,
     return StaticPose(names, pose, _standing(recording, complete, threshold_n), tuple(notes))
 
 
+def no_pose(reason: str) -> StaticPose:
+    """What stands for a standing trial where nobody stands still.
+
+    Args:
+        reason: Why, for the note.
+    """
+    note = f"No standing trial, and {reason}: the subject is measured, and markers are placed, in the motion."
+    return StaticPose((), np.zeros((0, 3)), None, (note,))
+
+
 def pose_at_start(recording: Recording, held: tuple[str, ...], threshold_n: float, where: str) -> StaticPose:
     """The first 0.3 s of a motion as a standing trial, if the subject stands still there.
 

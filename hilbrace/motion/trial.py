@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -24,7 +24,8 @@ class Trial:
         rate_hz: Marker rate [Hz].
         marker_names: Names as in the file.
         markers: Marker positions [m]; NaN where a marker is hidden.
-        static_marker_names: Names in the standing trial.
+        static_marker_names: Names in the standing trial; empty where there is none, so that the subject is
+            measured in the motion.
         static_markers: Mean marker positions while standing [m].
         feet: ``("right", "left")``, the order of the second axis of the arrays below.
         ground_force: Force of the ground on each foot [N].
@@ -34,6 +35,8 @@ class Trial:
         height_m: The subject's height [m]; 0 where unknown.
         marker_map: Name or path of the marker map that gives the names their meaning.
         notes: What the reader noticed (unused plates, filled header fields), one sentence each.
+        surveyed_markers: Marker positions at instants spread over the whole recording, beyond the window
+            too, in which a subject without a standing trial is measured [m]; empty with a standing trial.
     """
 
     name: str
@@ -52,3 +55,8 @@ class Trial:
     height_m: float
     marker_map: str
     notes: tuple[str, ...]
+    surveyed_markers: Float[Array, "instant surveyed 3"] = field(default_factory=lambda: np.zeros((0, 0, 3)))
+
+    def markers_to_measure(self) -> Float[Array, "instant marker 3"]:
+        """Where a subject without a standing trial is measured [m]: the survey, or else the motion."""
+        return self.surveyed_markers if len(self.surveyed_markers) else self.markers

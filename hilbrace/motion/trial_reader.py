@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from hilbrace.config import MotionSettings, SubjectSettings
 from hilbrace.errors import ConfigError, InputError
@@ -30,7 +31,7 @@ from hilbrace.motion.marker_maps import (
 )
 from hilbrace.motion.opensim_files import MarkerTable
 from hilbrace.motion.recording import Recording, check_markers, keep_markers, read_recording
-from hilbrace.motion.static_pose import StaticPose, pose_at_start, static_pose
+from hilbrace.motion.static_pose import StaticPose, no_pose, pose_at_start, static_pose
 from hilbrace.motion.subject import check_weight, subject_height, subject_mass
 from hilbrace.motion.trial import Trial
 
@@ -38,6 +39,9 @@ Array = np.ndarray
 
 LEAST_FRAMES = 10
 """Fewest frames of a trial."""
+
+SURVEYED_FRAMES = 200
+"""Most frames in which a subject without a standing trial is measured."""
 
 
 def read_trial(motion: MotionSettings, subject: SubjectSettings) -> Trial:
@@ -98,6 +102,7 @@ def read_trial(motion: MotionSettings, subject: SubjectSettings) -> Trial:
         height_m=subject_height(subject.height_m, known, pose.names, pose.positions),
         marker_map=motion.marker_map,
         notes=(*recording.notes, *notes, *pose.notes, *cut_notes, *foot_notes, *mass_note),
+        surveyed_markers=np.zeros((0, 0, 3)) if pose.names else _survey(recording.markers),
     )
 
 
@@ -142,7 +147,10 @@ def _pose(
 ) -> StaticPose:
     threshold, held = motion.force_threshold_n, _held(known)
     if standing is None:
-        return pose_at_start(recording, held, threshold, str(motion.markers))
+        try:
+            return pose_at_start(recording, held, threshold, str(motion.markers))
+        except InputError as moving:
+            return no_pose(moving.what)
     check_markers(standing.markers, known, str(motion.static))
     if standing.plates is not None:
         check_columns(standing.plates, threshold)
@@ -199,6 +207,12 @@ def _cut(
         if gap
     ]
     return replace(table, time=table.time[kept], positions=positions), notes
+
+
+def _survey(table: MarkerTable) -> Float[Array, "instant marker 3"]:
+    """Markers at instants spread evenly over the whole recording."""
+    count = min(len(table.time), SURVEYED_FRAMES)
+    return table.positions[np.linspace(0, len(table.time) - 1, count).round().astype(int)]
 
 
 def _feet(

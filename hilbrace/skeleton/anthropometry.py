@@ -20,6 +20,11 @@ The hip centre is a landmark (``RHJC``, ``LHJC``) where the recording has one; e
 pelvis laid on the pelvis markers, so that the thigh fits between the model's hip and the person's knee. The
 depth from ASIS to PSIS is not used: soft tissue makes it read long. A segment without markers takes the ratio
 of the heights, or the mean of the segments that were measured where the height is unknown.
+
+Without a standing trial the same pairs are measured over a motion. A pair on one bone has its median length;
+a pair that spans a joint comes nearest to the neutral pose when its limb is straight, so that it is measured
+in the quarter of the frames in which its limb (ASIS to malleolus, acromion to wrist or to pelvis) is longest.
+The pelvis, too, is measured where a leg is straight, since a bent hip moves the skin over the ASIS.
 """
 
 from __future__ import annotations
@@ -35,13 +40,17 @@ from hilbrace.skeleton.kinematics import Skeleton, skeleton_from_table
 from hilbrace.skeleton.table import Table
 
 Array = np.ndarray
-Landmarks = Mapping[str, Float[Array, " 3"]]
-"""Places [m] of a standing person's markers, y up, by the model's marker names; NaN counts as missing."""
+Landmarks = Mapping[str, Float[Array, "... 3"]]
+"""Places [m] of a person's markers by the model's marker names, y up: one each while standing, or one per
+frame of a motion. NaN counts as missing."""
 Scales = Mapping[str, Float[Array, " 3"]]
 """Factors along x, y, z of each body's frame, by body; a body left out keeps its size."""
 
 MODEL_HEIGHT_M = 1.70
 """Height of the man whom the unscaled model represents [m] (Rajagopal et al. 2016)."""
+
+STRAIGHT = 0.75
+"""Quantile of a limb's length from which a frame of a motion counts as straight [-]."""
 
 _PLAUSIBLE = (0.5, 1.6)
 _PELVIS = ("RASI", "LASI", "RPSI", "LPSI")
@@ -57,12 +66,15 @@ class SegmentRule:
         bodies: Bodies of the model that take the factor; ``{s}`` stands for r and l.
         axes: Axes of the bodies' frames that take it.
         choices: Lists of marker pairs, best first; ``{S}`` stands for R and L.
+        limb: Ends of the limb that has to be straight for the pairs to be as in the neutral pose; ``None``
+            where a pair lies on one bone. A limb without these markers is taken as long as the pair.
     """
 
     segment: str
     bodies: tuple[str, ...]
     axes: tuple[int, ...]
     choices: tuple[tuple[tuple[str, str], ...], ...]
+    limb: tuple[str, str] | None = None
 
 
 @dataclass(frozen=True)
@@ -82,14 +94,23 @@ class SegmentFactor:
 
 
 RULES = (
-    SegmentRule("pelvis", ("pelvis",), _XYZ, ((("RASI", "LASI"),), (("RPSI", "LPSI"),))),
+    SegmentRule(
+        "pelvis", ("pelvis",), _XYZ, ((("RASI", "LASI"),), (("RPSI", "LPSI"),)), ("{S}ASI", "{S}LMAL")
+    ),
     SegmentRule(
         "thigh",
         ("femur_{s}", "patella_{s}"),
         _XYZ,
         ((("{S}HJC", "{S}LFC"), ("{S}HJC", "{S}MFC")), (("{S}ASI", "{S}LFC"), ("{S}ASI", "{S}MFC"))),
+        ("{S}ASI", "{S}LMAL"),
     ),
-    SegmentRule("shank", ("tibia_{s}",), _XYZ, ((("{S}LFC", "{S}LMAL"), ("{S}MFC", "{S}MMAL")),)),
+    SegmentRule(
+        "shank",
+        ("tibia_{s}",),
+        _XYZ,
+        ((("{S}LFC", "{S}LMAL"), ("{S}MFC", "{S}MMAL")),),
+        ("{S}ASI", "{S}LMAL"),
+    ),
     SegmentRule(
         "foot",
         ("talus_{s}", "calcn_{s}", "toes_{s}"),
@@ -105,9 +126,16 @@ RULES = (
             (("C7", "{S}ASI"), ("{S}ACR", "{S}ASI")),
             (("CLAV", "{S}ASI"),),
         ),
+        ("{S}ACR", "{S}PSI"),
     ),
     SegmentRule("shoulders", ("torso",), (2,), ((("RACR", "LACR"),),)),
-    SegmentRule("upper arm", ("humerus_{s}",), _XYZ, ((("{S}ACR", "{S}LEL"), ("{S}ACR", "{S}MEL")),)),
+    SegmentRule(
+        "upper arm",
+        ("humerus_{s}",),
+        _XYZ,
+        ((("{S}ACR", "{S}LEL"), ("{S}ACR", "{S}MEL")),),
+        ("{S}ACR", "{S}FAradius"),
+    ),
     SegmentRule(
         "forearm",
         ("ulna_{s}", "radius_{s}", "hand_{s}"),
@@ -120,6 +148,7 @@ RULES = (
                 ("{S}MEL", "{S}FAulna"),
             ),
         ),
+        ("{S}ACR", "{S}FAradius"),
     ),
 )
 
@@ -127,10 +156,10 @@ RULES = (
 def segment_scales(
     landmarks: Landmarks, table: Table, height_m: float = 0.0
 ) -> dict[str, Float[Array, " 3"]]:
-    """Scale factors of all bodies of the model, from a standing person's landmarks.
+    """Scale factors of all bodies of the model, from the landmarks of a standing or moving person.
 
     Args:
-        landmarks: Places of markers [m], named as the model's.
+        landmarks: Places of markers [m], named as the model's; one each, or one per frame of a motion.
         table: Figures of the unscaled model.
         height_m: Height of the person [m]; 0 where unknown.
 
@@ -152,7 +181,7 @@ def measure_segments(landmarks: Landmarks, table: Table, height_m: float = 0.0) 
     """The factor of each segment and where it came from, in the order of `RULES`.
 
     Args:
-        landmarks: Places of markers [m], named as the model's.
+        landmarks: Places of markers [m], named as the model's; one each, or one per frame of a motion.
         table: Figures of the unscaled model.
         height_m: Height of the person [m]; 0 where unknown.
 
@@ -160,7 +189,8 @@ def measure_segments(landmarks: Landmarks, table: Table, height_m: float = 0.0) 
         InputError: Nothing can be measured, or a segment comes out implausibly large or small.
     """
     skeleton = skeleton_from_table(table)
-    seen = {n: np.asarray(p, dtype=float) for n, p in landmarks.items() if np.all(np.isfinite(p))}
+    paths = {n: np.asarray(p, dtype=float).reshape(-1, 3) for n, p in landmarks.items()}
+    seen = {n: p for n, p in paths.items() if np.isfinite(p).all(axis=1).any()}
     model = dict(zip(skeleton.marker_body, skeleton.markers(skeleton.forward({}))[0], strict=True))
     pelvis = _measure(RULES[0], seen, model)
     if pelvis is not None:
@@ -179,8 +209,8 @@ def measure_segments(landmarks: Landmarks, table: Table, height_m: float = 0.0) 
 
 def hip_centres(
     landmarks: Landmarks, skeleton: Skeleton, pelvis_factor: float
-) -> dict[str, Float[Array, " 3"]]:
-    """Hip centres of the scaled pelvis laid on the pelvis markers by least squares.
+) -> dict[str, Float[Array, "... 3"]]:
+    """Hip centres of the scaled pelvis laid on the pelvis markers by least squares, frame by frame.
 
     Args:
         landmarks: Places of markers [m]; at least three of RASI, LASI, RPSI, LPSI.
@@ -194,9 +224,15 @@ def hip_centres(
     if len(names) < 3:
         return {}
     source = np.stack([skeleton.marker_location[name] for name in names]) * pelvis_factor
-    rotation, shift = rigid_fit(source, np.stack([landmarks[name] for name in names]))
     hips = {side: skeleton.joints[f"femur_{side.lower()}"].parent_origin for side in "RL"}
-    return {f"{side}HJC": rotation @ (hip * pelvis_factor) + shift for side, hip in hips.items()}
+    paths = np.stack([landmarks[name] for name in names], axis=-2)
+    frames = paths.reshape(-1, len(names), 3)
+    found = {side: np.full((len(frames), 3), np.nan) for side in hips}
+    for frame in np.flatnonzero(np.isfinite(frames).all(axis=(1, 2))):
+        rotation, shift = rigid_fit(source, frames[frame])
+        for side, hip in hips.items():
+            found[side][frame] = rotation @ (hip * pelvis_factor) + shift
+    return {f"{side}HJC": place.reshape(*paths.shape[:-2], 3) for side, place in found.items()}
 
 
 def rigid_fit(
@@ -220,22 +256,44 @@ def rigid_fit(
 
 def _measure(rule: SegmentRule, seen: Landmarks, model: Landmarks) -> SegmentFactor | None:
     for choice in rule.choices:
-        pairs = dict.fromkeys((a.format(S=s), b.format(S=s)) for s in "RL" for a, b in choice)
-        present = [(a, b) for a, b in pairs if a in seen and b in seen]
-        if not present:
+        pairs = dict.fromkeys((a.format(S=s), b.format(S=s), s) for s in "RL" for a, b in choice)
+        lengths = {(a, b): _length(rule, a, b, side, seen) for a, b, side in pairs}
+        ratios = {
+            (a, b): length / float(np.linalg.norm(model[a] - model[b]))
+            for (a, b), length in lengths.items()
+            if np.isfinite(length)
+        }
+        if not ratios:
             continue
-        ratios = [
-            float(np.linalg.norm(seen[a] - seen[b]) / np.linalg.norm(model[a] - model[b])) for a, b in present
-        ]
-        factor = float(np.mean(ratios))
+        factor = float(np.mean(list(ratios.values())))
         if not _PLAUSIBLE[0] <= factor <= _PLAUSIBLE[1]:
             raise InputError(
                 f"the {rule.segment} measures {factor:.2f} times the model's",
-                where=", ".join(f"{a}-{b}" for a, b in present),
+                where=", ".join(f"{a}-{b}" for a, b in ratios),
                 hint="check the unit of the markers, the marker map, and left against right",
             )
-        return SegmentFactor(rule.segment, factor, tuple(present))
+        return SegmentFactor(rule.segment, factor, tuple(ratios))
     return None
+
+
+def _length(rule: SegmentRule, first: str, second: str, side: str, seen: Landmarks) -> float:
+    """Median distance of two markers over the frames in which the limb is straight [m]; NaN if unseen."""
+    own = _distances(first, second, seen)
+    if not np.isfinite(own).any():
+        return float("nan")
+    chosen = np.isfinite(own)
+    if rule.limb is not None:
+        start, end = (name.format(S=side) for name in rule.limb)
+        limb = np.where(chosen, _distances(start, end, seen), np.nan)
+        limb = limb if np.isfinite(limb).any() else own
+        chosen = limb >= np.nanquantile(limb, STRAIGHT)
+    return float(np.median(own[chosen]))
+
+
+def _distances(first: str, second: str, seen: Landmarks) -> Float[Array, " frame"]:
+    if first not in seen or second not in seen:
+        return np.full(1, np.nan)
+    return np.linalg.norm(seen[first] - seen[second], axis=-1)
 
 
 def _common_factor(measured: list[float], height_m: float) -> float:

@@ -222,7 +222,7 @@ FAULTS = {
         "is no number",
         "line 10, column 2",
     ),
-    "never still": (never_still, {}, "does not stand still", "move.trc"),
+    "never still": (never_still, {}, "mass is unknown: nobody stands still", "move.trc"),
     "a jump": (jump, {}, "jumps 2.00 m", "frame 34 (0.330 s)"),
     "another clock": (other_clock, {}, "forces run from 100 to 101", "move.mot"),
     "swapped feet": (lambda f: None, {"plates": {"1": "left", "2": "right"}}, "given as the left", "plate 1"),
@@ -409,12 +409,20 @@ def test_the_knee_challenge_plates_go_to_the_feet_that_its_readme_names(shared_d
     assert np.array_equal(found.centre_of_pressure, named.centre_of_pressure)
 
 
-def test_a_jump_that_starts_in_motion_needs_a_standing_trial(shared_data):
+def test_a_jump_without_a_standing_trial_is_surveyed(shared_data):
     root = shared_data / "opencap_subject5_raw"
     settings = MotionSettings(markers=root / "DJ1.trc", forces=root / "DJ1_forces.mot", marker_map="opencap")
-    with pytest.raises(InputError, match="does not stand still") as caught:
-        read_trial(settings, SubjectSettings(mass_kg=79.4))
-    assert "motion.static" in caught.value.hint
+    trial = read_trial(
+        settings.model_copy(update={"window": (1.3, 2.2)}), SubjectSettings(mass_kg=79.4, height_m=1.9)
+    )
+    assert trial.static_marker_names == ()
+    assert trial.surveyed_markers.shape == (200, len(trial.marker_names), 3)
+    spread = np.ptp(trial.surveyed_markers[..., 1], axis=0)
+    assert (spread >= np.ptp(trial.markers[..., 1], axis=0) - 0.05).all()  # beyond the window, too
+    assert any("does not stand still" in note and "in the motion" in note for note in trial.notes)
+    with pytest.raises(InputError, match="mass is unknown") as caught:
+        read_trial(settings, SubjectSettings())
+    assert "subject.mass_kg" in caught.value.hint
 
 
 def test_forces_at_2000_hz_are_filtered_before_they_are_sampled(shared_data):

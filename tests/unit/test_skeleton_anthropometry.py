@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -40,6 +40,7 @@ def by_segment(factors: tuple[SegmentFactor, ...]) -> dict[str, float]:
     return {item.segment: item.factor for item in factors}
 
 
+@settings(deadline=None, max_examples=40)
 @given(st.floats(0.6, 1.5), st.integers(0, 1000))
 def test_a_person_of_the_same_build_is_measured_exactly(factor, seed):
     rng = np.random.default_rng(seed)
@@ -138,6 +139,7 @@ def test_millimetres_and_mistaken_markers_are_noticed():
     assert raised.value.where == "RLFC-RLMAL, RMFC-RMMAL"
 
 
+@settings(deadline=None, max_examples=40)
 @given(st.integers(0, 1000))
 def test_a_rigid_motion_is_recovered(seed):
     rng = np.random.default_rng(seed)

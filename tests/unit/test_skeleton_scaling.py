@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hilbrace.errors import InputError
@@ -73,6 +73,7 @@ def test_fibres_differ_from_opensims_only_where_a_muscle_wraps_when_straight():
     assert apart[straight].max() < 1e-12
 
 
+@settings(deadline=None, max_examples=25)
 @given(st.floats(0.6, 1.5), st.floats(20.0, 150.0))
 def test_a_person_of_the_same_build_is_the_model_enlarged(factor, mass):
     table = scaled_table(TABLE, {body: np.full(3, factor) for body in TABLE["bodies"]}, mass)
@@ -92,6 +93,7 @@ def test_a_person_of_the_same_build_is_the_model_enlarged(factor, mass):
         )
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(0.7, 1.4), min_size=3, max_size=3), st.integers(0, 2))
 def test_an_uneven_cylinder_is_the_stretched_cylinder(factor, axis):
     mass, radius, length = 3.0, 0.06, 0.4

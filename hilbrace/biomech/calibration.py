@@ -1,0 +1,171 @@
+"""Where every marker sits on the scaled model: from a standing trial, or from the motion itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from hilbrace.biomech.engine import Engine
+from hilbrace.biomech.kinematics import KNEE_FRONTAL, facing, fixed_coordinates, poses_of
+from hilbrace.biomech.markers import (
+    PlacedMarkers,
+    check_segments,
+    landmarks_on_model,
+    weight_of,
+    with_ankle_centres,
+)
+from hilbrace.biomech.model_figures import ModelFigures
+from hilbrace.errors import InputError
+from hilbrace.motion.marker_maps import MarkerMap, match_markers
+from hilbrace.motion.trial import Trial
+
+Array = np.ndarray
+
+SAMPLE_FRAMES = 24
+"""Frames of a motion in which markers are placed where nobody stands still."""
+ROUNDS = 6
+"""Turns of fitting poses to markers, then placing markers in the poses, without a standing trial."""
+LEAST_SHARE = 0.2
+"""Share of the sampled frames that must show a marker for it to be placed."""
+
+
+def calibrate(
+    engine: Engine, figures: ModelFigures, trial: Trial, marker_map: MarkerMap
+) -> tuple[PlacedMarkers, Float[Array, " coordinate"], tuple[str, ...]]:
+    """Put every marker where it sits on the scaled model.
+
+    The poses come from the landmarks at the model's places; then each marker, landmark or cluster, moves to
+    where it was measured in them (as OpenSim's marker placer does), so that what is left of a landmark's
+    misfit does not disturb the motion. A standing knee is neutral in adduction and rotation by definition:
+    what its landmarks say otherwise is the shape of the bones.
+
+    Without a standing trial the same is done in frames spread over the motion, in turns (`ROUNDS`): the
+    median of a marker's places over the frames counts, and the knee is neutral on average. Bony landmarks
+    decide where the joints' zeros are, so that angles may be off by some degrees as a whole.
+
+    Args:
+        engine: Engine that holds the scaled model.
+        figures: Figures of that model.
+        trial: Recording.
+        marker_map: Meaning of the marker names.
+
+    Returns:
+        Markers on the model, a pose to start from [rad or m], and notes.
+
+    Raises:
+        InputError: Too few landmarks, or the map does not fit the model.
+    """
+    names = (*trial.static_marker_names, *trial.marker_names)
+    marker_map = match_markers(marker_map, names, f"'{trial.name}' and its standing trial")
+    if trial.static_marker_names:
+        return _standing(engine, figures, trial, marker_map)
+    return _moving(engine, figures, trial, marker_map)
+
+
+def _standing(
+    engine: Engine, figures: ModelFigures, trial: Trial, marker_map: MarkerMap
+) -> tuple[PlacedMarkers, Float[Array, " coordinate"], tuple[str, ...]]:
+    place = dict(zip(trial.static_marker_names, trial.static_markers, strict=True))
+    place = {name: point for name, point in place.items() if np.isfinite(point).all()}
+    landmarks = landmarks_on_model(marker_map, figures).of(place)
+    check_segments(landmarks, place, f"standing trial of '{trial.name}'", standing=True)
+    measured = np.array([place[name] for name in landmarks.names])[None]
+    landmarks, measured = with_ankle_centres(landmarks, measured, marker_map.landmarks)
+    poses, errors = _fit(engine, figures, landmarks, measured, figures.defaults)
+    names = [name for name in marker_map.known() if name in place]
+    points = np.array([place[name] for name in names])[None]
+    placed = _place(engine, figures, poses, marker_map, names, points)
+    misfit = _misfit_mm(errors, landmarks)
+    return (
+        placed,
+        poses[0],
+        (f"standing pose: bony landmarks within {misfit:.1f} mm RMS of the scaled model",),
+    )
+
+
+def _moving(
+    engine: Engine, figures: ModelFigures, trial: Trial, marker_map: MarkerMap
+) -> tuple[PlacedMarkers, Float[Array, " coordinate"], tuple[str, ...]]:
+    surveyed = trial.markers_to_measure()
+    frames = _sampled(surveyed)
+    paths = {name: surveyed[frames, k] for k, name in enumerate(trial.marker_names)}
+    shown = {n: np.isfinite(path).all(axis=1).mean() >= LEAST_SHARE for n, path in paths.items()}
+    names = [name for name in marker_map.known() if shown.get(name, False)]
+    landmarks = landmarks_on_model(marker_map, figures).of(names)
+    check_segments(landmarks, names, f"motion '{trial.name}'", standing=True)
+    measured = np.stack([paths[name] for name in landmarks.names], axis=1)
+    markers, targets = with_ankle_centres(landmarks, measured, marker_map.landmarks)
+    points = np.stack([paths[name] for name in names], axis=1)
+    start, misfit = figures.defaults, 0.0
+    for turn in range(ROUNDS):
+        poses, errors = _fit(engine, figures, markers, targets, start)
+        misfit = misfit if turn else _misfit_mm(errors, markers)
+        markers = _place(engine, figures, poses, marker_map, names, points)
+        targets, start = points, poses[0]
+    note = (
+        f"no standing trial: markers were placed in {len(frames)} frames of the motion, the knees neutral on "
+        f"average; bony landmarks within {misfit:.1f} mm RMS of the scaled model; joint angles may be off by "
+        "some degrees as a whole"
+    )
+    return markers, start, (note,)
+
+
+def _sampled(surveyed: Float[Array, "frame marker 3"]) -> Int[Array, " sample"]:
+    """Frames spread evenly over those that show the most markers."""
+    seen = np.isfinite(surveyed).all(axis=2).sum(axis=1)
+    best = np.flatnonzero(seen >= np.quantile(seen, 0.5))
+    return best[np.unique(np.linspace(0, len(best) - 1, SAMPLE_FRAMES).round().astype(int))]
+
+
+def _fit(
+    engine: Engine,
+    figures: ModelFigures,
+    markers: PlacedMarkers,
+    measured: Float[Array, "frame marker 3"],
+    start: Float[Array, " coordinate"],
+) -> tuple[Float[Array, "frame coordinate"], Float[Array, "frame marker"]]:
+    first = np.flatnonzero(np.isfinite(measured[0]).all(axis=1))
+    if len(first) < 3:
+        raise InputError(
+            "a frame shows fewer than three bony landmarks",
+            where="markers on the model",
+            hint="fill the gaps of the landmarks, or record a standing trial",
+        )
+    visible = markers.of(markers.names[k] for k in first)
+    fitted = engine.call(
+        "inverse_kinematics",
+        bodies=markers.bodies,
+        locations=markers.locations,
+        weights=markers.weights,
+        measured=measured,
+        start=facing(engine, figures, visible, measured[0, first], start),
+        fixed=(*fixed_coordinates(figures, markers), *KNEE_FRONTAL),
+    )
+    return fitted["coordinates"], fitted["errors"]
+
+
+def _place(
+    engine: Engine,
+    figures: ModelFigures,
+    poses: Float[Array, "frame coordinate"],
+    marker_map: MarkerMap,
+    names: Sequence[str],
+    points: Float[Array, "frame marker 3"],
+) -> PlacedMarkers:
+    """Markers at the median of their places in the bodies that carry them."""
+    carriers = [
+        figures.marker_bodies[marker_map.landmarks[name]]
+        if name in marker_map.landmarks
+        else marker_map.clusters[name]
+        for name in names
+    ]
+    rotations, origins = poses_of(engine, figures, poses, carriers)
+    places = np.einsum("fmji,fmj->fmi", rotations, points - origins)
+    weights = np.array([weight_of(body) for body in carriers])
+    return PlacedMarkers(tuple(names), tuple(carriers), np.nanmedian(places, axis=0), weights)
+
+
+def _misfit_mm(errors: Float[Array, "frame marker"], landmarks: PlacedMarkers) -> float:
+    return 1e3 * float(np.sqrt(np.nanmean(errors[:, landmarks.weights == 1] ** 2)))

@@ -1,4 +1,4 @@
-"""The angle core against known rotations, Grood and Suntay's axes, mirrors, and stored Plug-in Gait angles."""
+"""The angle core against known rotations, Grood and Suntay's axes, mirrors, and stored Plug-in Gait."""
 
 from __future__ import annotations
 

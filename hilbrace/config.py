@@ -122,6 +122,10 @@ class MaterialSettings(Section):
     soft: Literal["sinusoidal"] = Field(default="sinusoidal", description="soft microstructure")
 
 
+ANGLES = {"knee": ("flexion", "adduction", "rotation"), "ankle": ("dorsiflexion", "inversion")}
+"""Angles of each joint that a brace can be asked to preserve or to prevent: sagittal, frontal, axial."""
+
+
 class LossWeights(Section):
     """Weights of L1..L5 (paper, Sec. 5)."""
 
@@ -142,6 +146,19 @@ class OptimizeSettings(Section):
     volume_fraction: float = Field(default=0.4, gt=0.1, lt=0.65, description="target volume fraction [-]")
     weights: LossWeights = LossWeights()
     p_norm: float = Field(default=20.0, ge=1, description="exponent of the worst-frame norm")
+    coupling: Literal["stiffness", "paper"] = Field(
+        default="stiffness",
+        description="how the brace acts on the joint in the design: by the stiffness between its edges, or "
+        "by the reactions to its load as in the paper; the report states both",
+    )
+    preserve: tuple[str, ...] | None = Field(
+        default=None,
+        description="angles to keep: flexion, adduction, rotation of a knee, dorsiflexion, inversion of an "
+        "ankle; the sagittal one if left out",
+    )
+    prevent: tuple[str, ...] | None = Field(
+        default=None, description="angles to bring to zero, as above; the frontal one if left out"
+    )
     load_share: float = Field(
         default=0.01, gt=0, le=1, description="share of the acting force that the brace carries [-]"
     )
@@ -149,13 +166,13 @@ class OptimizeSettings(Section):
         default=40.0, gt=0, description="width of the load's window about the joint line [mm]"
     )
     passive_frontal_nm_per_deg: float = Field(
-        default=5.0, gt=0, description="assumed passive knee stiffness, frontal"
+        default=5.0, gt=0, description="assumed passive stiffness of the joint, frontal; a knee's"
     )
     passive_sagittal_nm_per_deg: float = Field(
-        default=0.5, gt=0, description="assumed passive knee stiffness, sagittal"
+        default=0.5, gt=0, description="assumed passive stiffness of the joint, sagittal; a knee's"
     )
     passive_axial_nm_per_deg: float = Field(
-        default=1.5, gt=0, description="assumed passive knee stiffness, axial"
+        default=1.5, gt=0, description="assumed passive stiffness of the joint, axial; a knee's"
     )
     checkpoint_every: int = Field(default=5, ge=1, description="iterations between checkpoints")
 
@@ -230,9 +247,44 @@ def parse_config(content: dict[str, Any], where: str) -> Config:
         ConfigError: Names the first wrong key, and the nearest right one.
     """
     try:
-        return Config.model_validate(content)
+        config = Config.model_validate(content)
     except ValidationError as fault:
         raise _explain(fault, where) from None
+    _check_angles(config, where)
+    return config
+
+
+def controlled_angles(settings: OptimizeSettings, joint: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the angles that a brace shall preserve and prevent.
+
+    Args:
+        settings: The optimizer's settings.
+        joint: ``knee`` or ``ankle``.
+    """
+    sagittal, frontal, *_ = ANGLES[joint]
+    preserve = (sagittal,) if settings.preserve is None else settings.preserve
+    return preserve, (frontal,) if settings.prevent is None else settings.prevent
+
+
+def _check_angles(config: Config, where: str) -> None:
+    """Angles to preserve and prevent must be angles of the braced joint, each named once in all."""
+    joint = config.domain.joint
+    preserve, prevent = controlled_angles(config.optimize, joint)
+    for key, names in (("preserve", preserve), ("prevent", prevent)):
+        for name in names:
+            if name not in ANGLES[joint]:
+                raise ConfigError(
+                    f"'optimize.{key}': a {joint} has no angle '{name}'",
+                    where=where,
+                    hint=f"use {', '.join(ANGLES[joint])}",
+                )
+    for name in ANGLES[joint]:
+        if (preserve + prevent).count(name) > 1:
+            raise ConfigError(
+                f"'optimize.preserve' and 'optimize.prevent' name '{name}' more than once",
+                where=where,
+                hint="name each angle once, in one of the two",
+            )
 
 
 def apply_overrides(content: dict[str, Any], overrides: dict[str, str]) -> None:

@@ -14,12 +14,15 @@ from torch import Tensor
 from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.config import MaterialSettings, OptimizeSettings, PatternSettings
 from hilbrace.domain.domain import Domain
+from hilbrace.optimize.coupling import brace_spring
 from hilbrace.optimize.design import LOSSES, Design
-from hilbrace.optimize.evaluate import Material, design_variable, material_of, mechanics_of
+from hilbrace.optimize.evaluate import Material, design_variable, material_of
 from hilbrace.optimize.loop import run_loop
+from hilbrace.optimize.predictions import PASSIVE_LEVELS, predict
 from hilbrace.optimize.problem import Problem, build_problem
 from hilbrace.run.progress import Report, silent
 from hilbrace.run.records import write_atomic
+from hilbrace.shell import loop_stiffness
 from hilbrace.units import DEG
 
 Array = np.ndarray
@@ -56,14 +59,15 @@ def optimize_design(
     problem = build_problem(loads, domain, settings, material, pattern)
     state, firm, last, seconds = run_loop(problem, checkpoint, key, progress)
     uniform = uniform_design(problem, last.material)
+    response = last.mechanics.response
     with torch.no_grad():
-        plain = mechanics_of(problem, uniform.modulus)
+        stiffness = _per_degree(problem, last.material, response.loop_stiffness)
+        plain = loop_stiffness(uniform.modulus, problem.postures[0].shell)
+        stiffness_uniform = _per_degree(problem, uniform, plain)
         theta, bias = torch.from_numpy(state.theta), torch.from_numpy(np.array(state.bias))
         d_vertex = design_variable(problem, problem.vertices, firm.vertices, theta, bias)
-    mechanics = last.mechanics
-    stiffness = _per_degree(mechanics.stiffness)
-    stiffness_uniform = _per_degree(plain.stiffness)
-    reactions = mechanics.response.reactions.numpy()
+    predicted = predict(problem, loads, last.material.modulus, response)
+    reactions = response.reactions.numpy()
     return Design(
         seed=settings.seed,
         iterations=state.iteration,
@@ -86,7 +90,12 @@ def optimize_design(
         stiffness_flexions=np.array([posture.flexion for posture in problem.postures]),
         stiffness_posed=stiffness,
         stiffness_posed_uniform=stiffness_uniform,
-        angle_change=_at_frames(mechanics.change.numpy(), problem.motion.time.numpy(), domain.time),
+        coupling=settings.coupling,
+        angle_changes=predicted.angle_change,
+        contact_force_change=predicted.contact_force_change,
+        contact_moment_change=predicted.contact_moment_change,
+        passive_levels=np.array(PASSIVE_LEVELS),
+        passive_sensitivity=predicted.sensitivity,
         reaction_upper=reactions[:, 0:3],
         reaction_lower=reactions[:, 6:9],
         volume_fraction=_fraction(problem, last.material),
@@ -124,9 +133,12 @@ def write_history_csv(design: Design, path: Path) -> None:
     write_atomic(path, text.getvalue().encode())
 
 
-def _per_degree(stiffness: Float[Tensor, "posture 3 3"]) -> Float[Array, "posture 3"]:
-    """Diagonal of the stiffness about the joint's axes [N*m/deg]."""
-    return torch.diagonal(stiffness, dim1=1, dim2=2).numpy() * DEG
+def _per_degree(
+    problem: Problem, material: Material, rest: Float[Tensor, "12 12"]
+) -> Float[Array, "posture 3"]:
+    """Diagonal of the brace's stiffness about the joint's axes in each posture [N*m/deg]."""
+    spring = brace_spring(problem, material.modulus, rest)
+    return torch.diagonal(spring.stiffness, dim1=1, dim2=2).numpy() * DEG
 
 
 def _fraction(problem: Problem, material: Material) -> float:
@@ -138,7 +150,3 @@ def _closed(at_cut_vertices: Float[Array, " cut_vertex"], domain: Domain) -> Flo
     closed = np.zeros(len(domain.vertices))
     closed[domain.weld] = at_cut_vertices
     return closed
-
-
-def _at_frames(values: Float[Array, "sample 3"], time: Array, frames: Array) -> Float[Array, "frame 3"]:
-    return np.stack([np.interp(frames, time, column) for column in values.T], axis=1)

@@ -12,6 +12,9 @@ Array = np.ndarray
 LOSSES = ("joint_stability", "elastic_energy", "compliance", "volume", "seam")
 """L1..L5 of the paper's loss table, in order."""
 
+COUPLINGS = ("stiffness", "paper")
+"""Order of the coupling axis; see `hilbrace.optimize.coupling`."""
+
 
 @dataclass(frozen=True)
 class Design:
@@ -39,8 +42,14 @@ class Design:
         stiffness_flexions: Flexion of the postures in which the stiffness was evaluated [rad].
         stiffness_posed: Stiffness about (flexion, adduction, rotation) in each posture [N*m/deg].
         stiffness_posed_uniform: The same for the uniform design [N*m/deg].
-        angle_change: Predicted change of (flexion, adduction, rotation) per frame [rad]; a model's
-            prediction, not a measurement.
+        coupling: Name of the coupling that the design was optimized with.
+        angle_changes: Predicted change of the joint's three angles per frame [rad], by every coupling in the
+            order of `COUPLINGS`; a model's prediction, not a measurement.
+        contact_force_change: Predicted change of the force between the bones of the joint [N], motion and
+            muscle forces held; in the brace's frame, on the distal bone.
+        contact_moment_change: The same of the moment about the joint's centre [N*m].
+        passive_levels: Passive frontal stiffnesses for which the prediction was repeated [N*m/deg].
+        passive_sensitivity: Largest predicted change of each angle for each of them [rad].
         reaction_upper: Force of the brace's support at the upper loop per frame [N].
         reaction_lower: The same at the lower loop [N].
         volume_fraction: Mean volume fraction [-].
@@ -68,8 +77,18 @@ class Design:
     stiffness_flexions: Float[Array, " posture"]
     stiffness_posed: Float[Array, "posture 3"]
     stiffness_posed_uniform: Float[Array, "posture 3"]
-    angle_change: Float[Array, "frame 3"]
+    coupling: str
+    angle_changes: Float[Array, "coupling frame 3"]
+    contact_force_change: Float[Array, "coupling frame 3"]
+    contact_moment_change: Float[Array, "coupling frame 3"]
+    passive_levels: Float[Array, " level"]
+    passive_sensitivity: Float[Array, "level coupling 3"]
     reaction_upper: Float[Array, "frame 3"]
     reaction_lower: Float[Array, "frame 3"]
     volume_fraction: float
     volume_fraction_uniform: float
+
+    @property
+    def angle_change(self) -> Float[Array, "frame 3"]:
+        """Predicted change of the joint's three angles per frame by the design's own coupling [rad]."""
+        return self.angle_changes[COUPLINGS.index(self.coupling)]

@@ -10,15 +10,9 @@ from torch import Tensor
 
 from hilbrace.field import project
 from hilbrace.optimize import losses
-from hilbrace.optimize.joint_response import (
-    ADDUCTION,
-    FLEXION,
-    angle_change,
-    stiffness_along,
-)
+from hilbrace.optimize.coupling import COUPLINGS, Prediction
 from hilbrace.optimize.problem import Place, Problem, seam_pairs, width_limits
-from hilbrace.shell import ShellResponse, joint_stiffness, loop_stiffness, shell_response
-from hilbrace.units import MM_PER_M
+from hilbrace.shell import ShellResponse, shell_response
 
 CONTRAST = 2.0
 """Change of the sigmoid's argument when all neurons around a point change by one [-]."""
@@ -58,13 +52,11 @@ class Mechanics:
 
     Attributes:
         response: Compliance, reactions and loop stiffness of the rest shape.
-        stiffness: Stiffness about the joint's axes in each posture [N*m/rad].
-        change: Change of the joint's angles on the response's clock [rad].
+        prediction: What the brace does to the joint, by the coupling of the settings.
     """
 
     response: ShellResponse
-    stiffness: Float[Tensor, "posture 3 3"]
-    change: Float[Tensor, "frame 3"]
+    prediction: Prediction
 
 
 @dataclass(frozen=True)
@@ -117,21 +109,9 @@ def material_of(
 
 
 def mechanics_of(problem: Problem, modulus: Float[Tensor, " triangle"]) -> Mechanics:
-    """Solve the shell and let the joint respond.
-
-    The stiffness is a tangent about each posture. The joint feels it axis by axis: a coupling term times the
-    whole flexion would be a torque that no sleeve exerts, and a design could be tuned to it.
-    """
-    rest, *others = problem.postures
-    response = shell_response(modulus, rest.shell, problem.load)
-    stiffness = [joint_stiffness(response.loop_stiffness, rest.shell, rest.axes)]
-    for posture in others:
-        stiffness.append(joint_stiffness(loop_stiffness(modulus, posture.shell), posture.shell, posture.axes))
-    about_joint = torch.stack(stiffness) / MM_PER_M
-    flexions = torch.tensor([posture.flexion for posture in problem.postures], dtype=torch.float64)
-    direct = torch.diag_embed(torch.diagonal(about_joint, dim1=1, dim2=2))
-    along = stiffness_along(problem.motion.angles[:, FLEXION], flexions, direct)
-    return Mechanics(response, about_joint, angle_change(problem.motion, along))
+    """Solve the shell and let the joint respond, by the coupling of the settings."""
+    response = shell_response(modulus, problem.postures[0].shell, problem.load)
+    return Mechanics(response, COUPLINGS[problem.settings.coupling](problem, modulus, response))
 
 
 def evaluate(
@@ -148,7 +128,9 @@ def evaluate(
     d = design_variable(problem, problem.triangles, firm.triangles, theta, bias)
     material = material_of(problem, d, firm.triangles)
     mechanics = mechanics_of(problem, material.modulus)
-    stability = losses.joint_stability(problem.motion.angles, mechanics.change, (FLEXION,), (ADDUCTION,))
+    stability = losses.joint_stability(
+        problem.motion.angles, mechanics.prediction.change, problem.preserve, problem.prevent
+    )
     d_vertex = design_variable(problem, problem.vertices, firm.vertices, theta, bias)
     terms = torch.stack(
         [

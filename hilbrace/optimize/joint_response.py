@@ -1,9 +1,14 @@
 """How a brace changes the joint's motion: a small perturbation about the measured angles.
 
-The knee with its passive stiffness and the inertia of what hangs below it follows
-``M dd + C d + K_joint delta + K_brace (phi + delta - phi_0) = 0`` about the recorded motion, where ``delta``
-is the change of (flexion, adduction, rotation). Landing is over in 50 to 100 ms and the joint's own
-frequency is a few hertz, so the response is integrated and not taken as quasi-static.
+With its passive tissue, its muscles at the tension they have, and the inertia of what hangs below, the joint
+follows ``M dd + C d + K delta = tau`` about the recorded motion, where ``delta`` is the change of its three
+angles and ``tau`` the moment of the brace about them. Landing is over in 50 to 100 ms and the joint's own
+frequency is a few hertz, so the response is integrated and not taken as quasi-static. The segments above,
+and the forces of the ground, are held as recorded.
+
+The moment comes in two forms: a stiffness, ``tau = -K_brace (phi + delta - phi_0)``, or the wrench of the
+brace on the part below the joint, ``tau = J^T W``. By the second, the thigh's share does not turn the knee:
+the Jacobian of a part above the joint is zero while the pelvis moves as recorded.
 
 The size of ``delta`` is set by the assumed passive stiffness. It is a model's prediction.
 """
@@ -17,41 +22,55 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from hilbrace.biomech.coupling import muscle_stiffness, proportional_damping
 from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.errors import InputError
+from hilbrace.optimize.trajectory import trajectory
 from hilbrace.units import DEG
 
-FLEXION, ADDUCTION, ROTATION = 0, 1, 2
-DAMPING_RATIO = 0.3
-"""Damping ratio of the relaxed joint [-], assumed; Zhang & Wang 2001 report it constant over effort."""
+FLEXION = 0
+"""Column of the sagittal angle, by which stiffness is interpolated between postures."""
+
+RATE_HZ = 60.0
+"""Rate of the clock on which the response is integrated [Hz]."""
 
 
 @dataclass(frozen=True)
 class JointMotion:
-    """The recorded motion of one joint on an even clock, as the response needs it.
+    """The recorded motion of one joint on an even clock, and what it takes to change it.
 
     Attributes:
         time: Instants [s].
-        angles: Flexion, adduction, rotation [rad].
-        inertia: Generalised inertia about the three axes [kg*m^2].
-        passive: Passive stiffness of the joint, diagonal [N*m/rad].
+        angles: The joint's three angles [rad].
+        inertia: M about them [kg*m^2].
+        damping: C [N*m*s/rad].
+        stiffness: K of the joint without a brace [N*m/rad].
+        jacobian: Velocity [m] of the part below the joint, in the joint's centre, and its turn [-], per unit
+            speed of each angle, in the frame of the brace.
     """
 
-    time: Float[Tensor, " frame"]
-    angles: Float[Tensor, "frame 3"]
-    inertia: Float[Tensor, "frame 3 3"]
-    passive: Float[Tensor, "3"]
+    time: Float[Tensor, " instant"]
+    angles: Float[Tensor, "instant 3"]
+    inertia: Float[Tensor, "instant 3 3"]
+    damping: Float[Tensor, "instant 3 3"]
+    stiffness: Float[Tensor, "instant 3 3"]
+    jacobian: Float[Tensor, "instant 6 3"]
+
+    @property
+    def step(self) -> float:
+        """Time between instants [s]."""
+        return float(self.time[1] - self.time[0])
 
 
 def joint_motion(
-    loads: JointLoads, joint: str, passive_nm_per_deg: tuple[float, float, float], rate_hz: float = 60.0
+    loads: JointLoads, joint: str, passive_nm_per_deg: tuple[float, float, float], rate_hz: float = RATE_HZ
 ) -> JointMotion:
     """Take one joint out of the loads, on an even clock.
 
     Args:
         loads: Kinematics of the recording.
         joint: Name of the joint, e.g. ``knee_l``.
-        passive_nm_per_deg: Passive stiffness in flexion, adduction, rotation [N*m/deg].
+        passive_nm_per_deg: Passive stiffness about the three angles [N*m/deg].
         rate_hz: Rate of the clock [Hz].
 
     Raises:
@@ -64,74 +83,89 @@ def joint_motion(
     index = loads.joints.index(joint)
     count = max(3, round((loads.time[-1] - loads.time[0]) * rate_hz) + 1)
     time = np.linspace(loads.time[0], loads.time[-1], count)
-    angles = _resample(time, loads.time, loads.angles[:, index])
-    inertia = _resample(time, loads.time, loads.inertia[:, index].reshape(-1, 9)).reshape(-1, 3, 3)
-    stiffness = np.asarray(passive_nm_per_deg) / DEG
-    as_tensor = lambda values: torch.as_tensor(values, dtype=torch.float64)  # noqa: E731
-    return JointMotion(as_tensor(time), as_tensor(angles), as_tensor(inertia), as_tensor(stiffness))
+    moved = resampling(loads.time, time)
+    passive = np.diag(np.asarray(passive_nm_per_deg) / DEG)
+    angles, inertia, muscles, jacobian = (
+        np.tensordot(moved, values, axes=1)
+        for values in (
+            loads.angles[:, index],
+            loads.inertia[:, index],
+            muscle_stiffness(loads, joint),
+            loads.distal_jacobian[:, index],
+        )
+    )
+    damping = proportional_damping(inertia, passive + muscles)
+    arrays = (time, angles, inertia, damping, passive + muscles, jacobian)
+    return JointMotion(*map(torch.from_numpy, arrays))
 
 
-def damping(motion: JointMotion) -> Float[Tensor, "frame 3 3"]:
-    """Diagonal damping that gives each axis its damping ratio on its own [N*m*s/rad]."""
-    inertia = torch.diagonal(motion.inertia, dim1=1, dim2=2).clamp_min(1e-6)
-    return torch.diag_embed(2.0 * DAMPING_RATIO * torch.sqrt(motion.passive * inertia))
+def angle_change(motion: JointMotion, brace: Float[Tensor, "instant 3 3"]) -> Float[Tensor, "instant 3"]:
+    """Change of the joint's angles by the stiffness of a brace.
 
-
-def angle_change(motion: JointMotion, brace: Float[Tensor, "frame 3 3"]) -> Float[Tensor, "frame 3"]:
-    """Change of the joint's angles by a brace, integrated by Newmark's average acceleration (1959).
-
-    The motion starts in static equilibrium with the brace on.
+    ``(K + K_brace) delta = -K_brace (phi - phi_0)`` where the motion is slow.
 
     Args:
         motion: The recorded motion.
-        brace: Stiffness of the brace about the joint's axes in each frame [N*m/rad]; the neutral pose is
+        brace: Stiffness of the brace about the joint's angles at each instant [N*m/rad]; the neutral pose is
             its rest.
 
     Returns:
-        Change of (flexion, adduction, rotation) [rad], differentiable with respect to ``brace``.
+        Change of the three angles [rad], differentiable with respect to ``brace``.
     """
-    step = float(motion.time[1] - motion.time[0])
-    mass, drag = motion.inertia, damping(motion)
-    stiffness = torch.diag_embed(motion.passive.expand(len(motion.time), 3)) + brace
-    torque = -torch.einsum("fij,fj->fi", brace, motion.angles)
-    lead_mass, lead_drag = 4.0 / step**2, 2.0 / step
-    inverse = torch.linalg.inv(stiffness + lead_mass * mass + lead_drag * drag)
+    torque = -torch.einsum("tij,tj->ti", brace, motion.angles)
+    return trajectory(motion.inertia, motion.damping, motion.stiffness + brace, torque, motion.step)
 
-    position = torch.linalg.solve(stiffness[0], torque[0])
-    velocity = torch.zeros_like(position)
-    acceleration = torch.zeros_like(position)
-    path = [position]
-    for frame in range(1, len(motion.time)):
-        carried_mass = lead_mass * position + 2.0 * lead_drag * velocity + acceleration
-        carried_drag = lead_drag * position + velocity
-        load = torque[frame] + mass[frame] @ carried_mass + drag[frame] @ carried_drag
-        following = inverse[frame] @ load
-        new_velocity = lead_drag * (following - position) - velocity
-        acceleration = lead_mass * (following - position) - 2.0 * lead_drag * velocity - acceleration
-        position, velocity = following, new_velocity
-        path.append(position)
-    return torch.stack(path)
+
+def wrench_torque(motion: JointMotion, wrench: Float[Tensor, "instant 6"]) -> Float[Tensor, "instant 3"]:
+    """Moments about the joint's angles of a wrench on the part below it, ``J^T W`` [N*m].
+
+    Args:
+        motion: The recorded motion.
+        wrench: Force [N] and moment about the joint's centre [N*m] at each instant, in the brace's frame.
+    """
+    return torch.einsum("tij,ti->tj", motion.jacobian, wrench)
+
+
+def angle_change_by_wrench(
+    motion: JointMotion, wrench: Float[Tensor, "instant 6"]
+) -> Float[Tensor, "instant 3"]:
+    """Change of the joint's angles by the wrench of a brace on the part below it [rad].
+
+    Args:
+        motion: The recorded motion.
+        wrench: Force [N] and moment about the joint's centre [N*m], in the brace's frame.
+    """
+    torque = wrench_torque(motion, wrench)
+    return trajectory(motion.inertia, motion.damping, motion.stiffness, torque, motion.step)
 
 
 def stiffness_along(
     flexion: Float[Tensor, " frame"],
     posture_flexions: Float[Tensor, " posture"],
-    posture_stiffness: Float[Tensor, "posture 3 3"],
-) -> Float[Tensor, "frame 3 3"]:
+    posture_stiffness: Float[Tensor, "posture row column"],
+) -> Float[Tensor, "frame row column"]:
     """Brace stiffness in each frame, linear in flexion between the postures it was computed in.
 
     Args:
-        flexion: Knee flexion per frame [rad].
+        flexion: Flexion per frame [rad].
         posture_flexions: Flexion of the postures, rising [rad].
         posture_stiffness: Stiffness about the joint's axes in each posture.
     """
     if len(posture_flexions) == 1:
-        return posture_stiffness.expand(len(flexion), 3, 3)
+        return posture_stiffness.expand(len(flexion), *posture_stiffness.shape[1:])
     upper = torch.searchsorted(posture_flexions, flexion.contiguous()).clamp(1, len(posture_flexions) - 1)
     low, high = posture_flexions[upper - 1], posture_flexions[upper]
     share = ((flexion - low) / (high - low)).clamp(0.0, 1.0)[:, None, None]
     return (1.0 - share) * posture_stiffness[upper - 1] + share * posture_stiffness[upper]
 
 
-def _resample(new: np.ndarray, old: np.ndarray, values: np.ndarray) -> np.ndarray:
-    return np.stack([np.interp(new, old, column) for column in values.T], axis=1)
+def resampling(
+    time: Float[np.ndarray, " sample"], instants: Float[np.ndarray, " instant"]
+) -> Float[np.ndarray, "instant sample"]:
+    """Weights that give values at other instants, linear between samples and constant beyond them.
+
+    Args:
+        time: Instants of the samples [s], rising.
+        instants: Instants wanted [s].
+    """
+    return np.stack([np.interp(instants, time, sample) for sample in np.eye(len(time))], axis=1)

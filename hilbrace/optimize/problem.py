@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from hilbrace.biomech.joint_loads import JointLoads
-from hilbrace.config import MaterialSettings, OptimizeSettings, PatternSettings
+from hilbrace.config import ANGLES, MaterialSettings, OptimizeSettings, PatternSettings, controlled_angles
 from hilbrace.domain.domain import Domain, RimBand
 from hilbrace.domain.rim import rim_band
 from hilbrace.field import GaussianField
@@ -71,6 +71,8 @@ class Problem:
         blend_mm: Width of the transition from firm to soft [mm].
         unit_energy: Worst elastic energy density over the motion for unit modulus [-].
         motion: The joint's motion.
+        preserve: Columns of the angles to keep.
+        prevent: Columns of the angles to bring to zero.
         postures: Shapes for the stiffness, flexion rising; the first is the rest shape.
         load: Acting force of every frame on the rest shape.
         settings: The optimizer's settings.
@@ -88,6 +90,8 @@ class Problem:
     blend_mm: float
     unit_energy: Float[Tensor, " triangle"]
     motion: JointMotion
+    preserve: tuple[int, ...]
+    prevent: tuple[int, ...]
     postures: tuple[Posture, ...]
     load: LoadPattern
     settings: OptimizeSettings
@@ -122,11 +126,8 @@ def build_problem(
     edges = domain.vertices[domain.triangles]
     areas = 0.5 * np.linalg.norm(np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]), axis=1)
     band: RimBand = rim_band(domain, pattern.rim_mm)
-    passive = (
-        settings.passive_sagittal_nm_per_deg,
-        settings.passive_frontal_nm_per_deg,
-        settings.passive_axial_nm_per_deg,
-    )
+    kind = domain.joint.split("_")[0]
+    preserve, prevent = controlled_angles(settings, kind)
     return Problem(
         domain=domain,
         triangles=_place(corner_uv.mean(axis=1), length, settings.sigma, domain.period_u),
@@ -139,10 +140,21 @@ def build_problem(
         limits=(pattern.min_strut_mm, pattern.min_slit_mm),
         blend_mm=pattern.blend_mm,
         unit_energy=torch.from_numpy(worst_energy_density(domain.deformation, material.poisson)),
-        motion=joint_motion(loads, domain.joint, passive),
+        motion=joint_motion(loads, domain.joint, passive_stiffness(settings)),
+        preserve=tuple(map(ANGLES[kind].index, preserve)),
+        prevent=tuple(map(ANGLES[kind].index, prevent)),
         postures=_postures(loads, domain, rest),
         load=_load(loads, domain, settings),
         settings=settings,
+    )
+
+
+def passive_stiffness(settings: OptimizeSettings) -> tuple[float, float, float]:
+    """Assumed passive stiffness about the sagittal, frontal and axial angle [N*m/deg]."""
+    return (
+        settings.passive_sagittal_nm_per_deg,
+        settings.passive_frontal_nm_per_deg,
+        settings.passive_axial_nm_per_deg,
     )
 
 

@@ -1,21 +1,52 @@
 """Shell finite elements of the brace: modulus per triangle in, compliance, reactions and stiffness out."""
 
-from hilbrace.shell.autograd import ShellResponse, displacements, loop_stiffness, shell_response, static_modes
-from hilbrace.shell.loads import LoadPattern, joint_line_shares
-from hilbrace.shell.model import ShellModel, build_shell, pose_shell
+from hilbrace.shell.foundation import Foundation, skin
+from hilbrace.shell.geometry import GeometryMode, ShellFamily, cluster_frames, geometry_mode, shell_family
+from hilbrace.shell.loads import LoadPattern, NodalLoads, joint_line_shares
+from hilbrace.shell.model import ShellModel, build_shell, lay_on_skin, pose_shell, thicken_shell
+from hilbrace.shell.pool import SolverPool, open_pool
+from hilbrace.shell.response import (
+    FamilyResponse,
+    ShellResponse,
+    displacements,
+    element_energies,
+    family_compliance,
+    family_response,
+    family_stiffness,
+    loop_stiffness,
+    shell_response,
+    static_modes,
+)
 from hilbrace.shell.stiffness import joint_stiffness, wrenches_at
 
 __all__ = [
+    "FamilyResponse",
+    "Foundation",
+    "GeometryMode",
     "LoadPattern",
+    "NodalLoads",
+    "ShellFamily",
     "ShellModel",
     "ShellResponse",
+    "SolverPool",
     "build_shell",
+    "cluster_frames",
     "displacements",
+    "element_energies",
+    "family_compliance",
+    "family_response",
+    "family_stiffness",
+    "geometry_mode",
     "joint_line_shares",
     "joint_stiffness",
+    "lay_on_skin",
     "loop_stiffness",
+    "open_pool",
     "pose_shell",
+    "shell_family",
     "shell_response",
+    "skin",
     "static_modes",
+    "thicken_shell",
     "wrenches_at",
 ]

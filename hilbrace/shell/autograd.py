@@ -1,166 +1,284 @@
-"""The shell's response as torch functions of the modulus, with exact discrete adjoints.
+"""Condensed shells as torch functions of modulus, thickness and loads, with exact discrete adjoints.
 
-Notation: f and b are the free degrees of freedom and those of the loops, G the rigid motions of the loops,
-``K_ff Z = K_fb G``, ``Psi = G - Z`` the static modes (the shape that the shell takes when a loop moves), and
-``K_ff U = W`` the displacements under a unit force along each axis. All outputs come from three matrices,
-
-    A = W^T U (3, 3),   B = Psi^T W (12, 3),   K_c = sum_e E_e Psi_e^T k0_e Psi_e (12, 12),
-
-which are self-adjoint: with the element energies ``m_e(x, y) = x_e^T k0_e y_e`` their derivatives by E_e are
-``-m_e(U, U)``, ``-m_e(Psi, U)`` and ``m_e(Psi, Psi)``, so that the gradient needs no further solve.
+The mathematics of one shell is in `hilbrace.shell.condensation`. Here several shells of one sparsity, the
+shapes of a brace in the frames of a motion, are condensed side by side for one and the same modulus.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
+from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from hilbrace.errors import SolverError
+from hilbrace.shell.condensation import (
+    Condensed,
+    Weights,
+    by_loads,
+    by_stiffness,
+    condense,
+    follow_displacements,
+)
 from hilbrace.shell.element import NODE_DOFS
-from hilbrace.shell.loads import LoadPattern
 from hilbrace.shell.loops import LOOP_DOFS
-from hilbrace.shell.model import ShellModel
-from hilbrace.shell.solver import open_solver
+from hilbrace.shell.maps import field_energies, field_forces
+from hilbrace.shell.model import ShellModel, thicken_shell, thickness_slopes
+from hilbrace.shell.pool import SolverPool, open_pool
+from hilbrace.shell.solver import Solver
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class ShellResponse:
-    """What the shell answers to its loads and to motions of its loops.
+class SolvedShell:
+    """One condensed shell; tensors that remember how they depend on modulus, thickness and loads.
 
     Attributes:
-        compliance: Half the work of each frame's load, 1/2 F_t . u_t [N*mm].
-        reactions: Force [N] and moment about the loop's centre [N*mm] by which the upper (0:6) and the lower
-            loop (6:12) hold the brace in each frame; the limb feels the opposite.
-        loop_stiffness: Condensed stiffness K_c between the rigid motions of the loops, in the same order
-            [N/mm, N, N*mm/rad].
+        shell: The shell, at the thickness it was solved with.
+        modulus: Young's modulus of each triangle [MPa].
+        thickness: Thickness of each triangle [mm], if it is a variable.
+        flexibility: Work of one load on the displacements of another [N*mm].
+        sharing: Wrench of each load that the loops balance [N, N*mm]; empty without static modes.
+        loop_stiffness: Stiffness between the motions of the loops; empty without static modes.
+        displacements: Displacements of the free degrees of freedom under each load [mm, rad].
+        modes: Displacements of the same per unit motion of a loop; plain numbers.
     """
 
-    compliance: Float[torch.Tensor, " frame"]
-    reactions: Float[torch.Tensor, "frame 12"]
-    loop_stiffness: Float[torch.Tensor, "12 12"]
+    shell: ShellModel
+    modulus: Float[Tensor, " triangle"]
+    thickness: Float[Tensor, " triangle"] | None
+    flexibility: Float[Tensor, "load load"]
+    sharing: Float[Tensor, "mode load"]
+    loop_stiffness: Float[Tensor, "mode mode"]
+    displacements: Float[Tensor, "free load"]
+    modes: Float[Array, "free mode"]
 
 
-def shell_response(
-    modulus: Float[torch.Tensor, " triangle"], shell: ShellModel, load: LoadPattern
-) -> ShellResponse:
-    """Compliance and reactions of every frame and the loop stiffness, differentiable by modulus and forces.
-
-    One factorisation and 3 + 12 solves, whatever the number of frames (paper, Eq. 2: K U = F_acting;
-    compliance here is 1/2 F . U).
+def condense_shells(
+    modulus: Float[Tensor, " triangle"],
+    shells: Sequence[ShellModel],
+    loads: Sequence[Float[Tensor, "load vertex 3"]],
+    modes: bool,
+    thickness: Float[Tensor, " triangle"] | None = None,
+    solvers: SolverPool | None = None,
+) -> list[SolvedShell]:
+    """Condense shells of one sparsity onto their loads and the motions of their loops.
 
     Args:
         modulus: Young's modulus of each triangle [MPa].
-        shell: The shell.
-        load: Shares of the vertices and forces of the frames.
+        shells: The shells.
+        loads: Forces on the vertices of each shell [N].
+        modes: Whether the motions of the loops are wanted as well; twelve solves more for each shell.
+        thickness: Thickness of each triangle [mm]; that of the shells if left out. With it the element
+            stiffness is computed anew each time, the dearest part by far.
+        solvers: Solvers of the shells' sparsity; opened for this call alone if left out.
 
     Raises:
-        SolverError: The modulus is not positive and finite, or the stiffness is singular.
+        SolverError: The modulus is not positive and finite, or a stiffness is singular.
+        GeometryError: The thickness makes no shell.
     """
-    flexibility, sharing, stiffness = _Condensed.apply(modulus.double(), shell, load.shares)
-    forces = load.forces.to(torch.float64)
-    compliance = 0.5 * ((forces @ flexibility) * forces).sum(dim=1)
-    return ShellResponse(compliance, -forces @ sharing.T, stiffness)
+    _check_modulus(modulus.detach().numpy(), shells[0])
+    variable = None if thickness is None else thickness.double()
+    plan = _Plan(tuple(shells), LOOP_DOFS if modes else 0, solvers, [])
+    flat = _Condense.apply(modulus.double(), variable, plan, *(load.double() for load in loads))
+    return [
+        SolvedShell(
+            shell=shell,
+            modulus=modulus.double(),
+            thickness=variable,
+            flexibility=flat[4 * k],
+            sharing=flat[4 * k + 1],
+            loop_stiffness=flat[4 * k + 2],
+            displacements=flat[4 * k + 3],
+            modes=modes,
+        )
+        for k, (shell, modes) in enumerate(plan.solved)
+    ]
 
 
-def loop_stiffness(
-    modulus: Float[torch.Tensor, " triangle"], shell: ShellModel
-) -> Float[torch.Tensor, "12 12"]:
-    """The loop stiffness K_c alone [N/mm, N, N*mm/rad]; 12 solves. For posed shapes see `pose_shell`.
+def field_energy(
+    shape: SolvedShell, displacements: Float[Tensor, "free field"]
+) -> Float[Tensor, "field triangle"]:
+    """Twice the strain energy of every triangle in displacement fields, E_e u^T k0 u [N*mm].
 
-    Raises:
-        SolverError: The modulus is not positive and finite, or the stiffness is singular.
+    Args:
+        shape: A condensed shell.
+        displacements: Displacements of its free degrees of freedom, with the loops in place [mm, rad].
     """
-    _, _, stiffness = _Condensed.apply(modulus.double(), shell, None)
-    return stiffness
+    return _Energies.apply(shape.modulus, shape.thickness, displacements, shape.shell)
 
 
-def static_modes(modulus: Float[Array, " triangle"], shell: ShellModel) -> Float[Array, "dof 12"]:
-    """Static modes Psi: displacements of the whole shell per unit rigid motion of a loop."""
-    _, modes = _solve(modulus, shell, None)
-    return modes
+@dataclass(frozen=True)
+class _Plan:
+    """What the tensors do not say.
+
+    `solved` is filled: the shells at the thickness that they were solved with, and their static modes.
+    """
+
+    shells: tuple[ShellModel, ...]
+    modes: int
+    solvers: SolverPool | None
+    solved: list[tuple[ShellModel, Array]]
 
 
-def displacements(
-    modulus: Float[Array, " triangle"], shell: ShellModel, load: LoadPattern
-) -> Float[Array, "frame vertex 3"]:
-    """Displacement of every vertex in every frame [mm]."""
-    unit, _ = _solve(modulus, shell, load.shares)
-    moves = unit.reshape(-1, NODE_DOFS, 3)[:, :3]
-    return np.einsum("vck,tk->tvc", moves, load.forces.detach().numpy())
-
-
-class _Condensed(torch.autograd.Function):
-    """(E) -> (A, B, K_c)."""
+class _Condense(torch.autograd.Function):
+    """(E, t, loads of each shell) -> (A, B, K_c, U) of each shell."""
 
     @staticmethod
-    def forward(ctx: Any, modulus: torch.Tensor, shell: ShellModel, shares: Array | None) -> Any:
+    def forward(ctx: Any, modulus: Tensor, thickness: Tensor | None, plan: _Plan, *loads: Tensor) -> Any:
+        ctx.set_materialize_grads(False)
         numbers = modulus.detach().numpy()
-        unit, modes = _solve(numbers, shell, shares)
-        loads = _unit_loads(shell, shares)
-        energy = _element_energies(shell, np.concatenate([modes, unit], axis=1))
-        ctx.energy = energy
-        stiffness = np.tensordot(numbers, energy[:, :LOOP_DOFS, :LOOP_DOFS], axes=1)
-        flexibility = loads.T @ unit
-        return (
-            torch.from_numpy(0.5 * (flexibility + flexibility.T)),
-            torch.from_numpy(modes.T @ loads),
-            torch.from_numpy(0.5 * (stiffness + stiffness.T)),
+        wall = None if thickness is None else thickness.detach().numpy()
+
+        def job(shell: ShellModel, load: Tensor, solver: Solver) -> tuple[ShellModel, Condensed]:
+            at = shell if wall is None else thicken_shell(shell, wall)
+            return at, condense(at, numbers, _on_dofs(load), plan.modes, solver)
+
+        with _borrow(plan.solvers, plan.shells[0]) as pool:
+            pairs = zip(plan.shells, loads, strict=True)
+            answers = pool.run([partial(job, shell, load) for shell, load in pairs])
+        plan.solved.extend((shell, state.fields[:, : plan.modes]) for shell, state in answers)
+        ctx.plan, ctx.modulus, ctx.answers = plan, numbers, answers
+        ctx.variable = thickness is not None
+        return tuple(
+            torch.from_numpy(part)
+            for _, state in answers
+            for part in (state.flexibility, state.sharing, state.loop_stiffness, state.displacements)
         )
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *grad_outputs: Any) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
-        by_flexibility, by_sharing, by_stiffness = grad_outputs
-        energy = ctx.energy
-        weights = np.zeros(energy.shape[1:])
-        weights[:LOOP_DOFS, :LOOP_DOFS] = by_stiffness.numpy()
-        weights[:LOOP_DOFS, LOOP_DOFS:] = -by_sharing.numpy()
-        weights[LOOP_DOFS:, LOOP_DOFS:] = -by_flexibility.numpy()
-        return torch.from_numpy(energy.reshape(len(energy), -1) @ weights.ravel()), None, None
+        wants_modulus, wants_thickness, _, *wants_loads = ctx.needs_input_grad
+
+        def job(k: int, solver: Solver) -> _Gradient:
+            shell, state = ctx.answers[k]
+            return _pull_back(
+                shell,
+                state,
+                ctx.modulus,
+                _weights(state, grad_outputs[4 * k : 4 * k + 4]),
+                (wants_modulus, wants_thickness, wants_loads[k]),
+                solver,
+            )
+
+        jobs = [partial(job, k) for k in range(len(ctx.answers))]
+        with _borrow(ctx.plan.solvers, ctx.plan.shells[0]) as pool:
+            parts = pool.run(jobs)
+        return (
+            _total([part.modulus for part in parts]),
+            _total([part.thickness for part in parts]),
+            None,
+            *(part.loads for part in parts),
+        )
 
 
-def _solve(
-    modulus: Float[Array, " triangle"], shell: ShellModel, shares: Float[Array, " vertex"] | None
-) -> tuple[Float[Array, "dof load"], Float[Array, "dof 12"]]:
-    """Displacements under the unit loads (three columns, or none) and the static modes."""
-    _check_modulus(modulus, shell)
-    numbering = shell.numbering
-    loads = _unit_loads(shell, shares)
-    coupling = (shell.coupling @ modulus).reshape(-1, LOOP_DOFS)
-    rhs = np.concatenate([loads[numbering.free], coupling], axis=1)
-    with open_solver(numbering.sparsity) as solver:
-        answer = solver.factor(shell.refill @ modulus).solve(rhs)
-    unit = np.zeros_like(loads)
-    unit[numbering.free] = answer[:, : loads.shape[1]]
-    modes = shell.motions.copy()
-    modes[numbering.free] -= answer[:, loads.shape[1] :]
-    return unit, modes
+class _Energies(torch.autograd.Function):
+    """(E, t, u) -> E_e u^T k0 u."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, modulus: Tensor, thickness: Tensor | None, displacements: Tensor, shell: ShellModel
+    ) -> Any:
+        fields, numbers = displacements.detach().numpy(), modulus.detach().numpy()
+        unit = field_energies(shell.numbering, shell.maps, fields)
+        ctx.shell, ctx.modulus, ctx.fields, ctx.unit = shell, numbers, fields, unit
+        return torch.from_numpy(unit * numbers)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *grad_outputs: Any) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        (weights,) = (gradient.numpy() for gradient in grad_outputs)
+        by_modulus = by_thickness = by_fields = None
+        if ctx.needs_input_grad[0]:
+            by_modulus = torch.from_numpy((weights * ctx.unit).sum(axis=0))
+        if ctx.needs_input_grad[1]:
+            slopes = thickness_slopes(ctx.shell)
+            change = field_energies(ctx.shell.numbering, slopes, ctx.fields)
+            by_thickness = torch.from_numpy((weights * change).sum(axis=0) * ctx.modulus)
+        if ctx.needs_input_grad[2]:
+            scale = 2.0 * weights * ctx.modulus
+            by_fields = torch.from_numpy(field_forces(ctx.shell.numbering, ctx.shell.maps, scale, ctx.fields))
+        return by_modulus, by_thickness, by_fields, None
 
 
-def _unit_loads(shell: ShellModel, shares: Float[Array, " vertex"] | None) -> Float[Array, "dof load"]:
-    """The pattern W on all degrees of freedom: one column per axis of the force; none without shares."""
-    vertices = len(shell.vertices)
-    if shares is None:
-        return np.zeros((vertices * NODE_DOFS, 0))
-    loads = np.zeros((vertices, NODE_DOFS, 3))
-    for axis in range(3):
-        loads[:, axis, axis] = shares
-    return loads.reshape(-1, 3)
+@dataclass(frozen=True)
+class _Gradient:
+    """What one shell contributes to the gradient; None where it is not wanted."""
+
+    modulus: Float[Array, " triangle"] | None
+    thickness: Float[Array, " triangle"] | None
+    loads: Float[Tensor, "load vertex 3"] | None
 
 
-def _element_energies(
-    shell: ShellModel, fields: Float[Array, "dof field"]
-) -> Float[Array, "triangle field field"]:
-    """Bilinear energies m_e(x, y) of all pairs of displacement fields for unit modulus."""
-    local = fields[shell.numbering.element_dofs]
-    return local.transpose(0, 2, 1) @ (shell.stiffness @ local)
+def _pull_back(
+    shell: ShellModel,
+    state: Condensed,
+    modulus: Float[Array, " triangle"],
+    weights: Weights,
+    wanted: tuple[bool, bool, bool],
+    solver: Solver,
+) -> _Gradient:
+    """Gradient of a loss by the modulus, the thickness and the loads of one shell."""
+    adjoint = None
+    if weights.displacements is not None:
+        adjoint = follow_displacements(shell, modulus, weights.displacements, solver)
+    by_modulus = by_thickness = on_vertices = None
+    if wanted[0]:
+        by_modulus = by_stiffness(shell, shell.maps, state, weights, adjoint)
+    if wanted[1]:
+        by_thickness = modulus * by_stiffness(shell, thickness_slopes(shell), state, weights, adjoint)
+    if wanted[2]:
+        moves = by_loads(shell, state, weights, adjoint).reshape(-1, NODE_DOFS, weights.flexibility.shape[0])
+        on_vertices = torch.from_numpy(np.ascontiguousarray(moves[:, :3].transpose(2, 0, 1)))
+    return _Gradient(by_modulus, by_thickness, on_vertices)
+
+
+def _weights(state: Condensed, gradients: Sequence[Tensor | None]) -> Weights:
+    """Derivatives of the loss by A, B, K_c and U; zero where the loss does not see them."""
+    seen = (state.flexibility, state.sharing, state.loop_stiffness)
+    known = [
+        np.zeros_like(value) if gradient is None else gradient.numpy()
+        for value, gradient in zip(seen, gradients[:3], strict=True)
+    ]
+    return Weights(*known, displacements=None if gradients[3] is None else gradients[3].numpy())
+
+
+def _total(parts: Sequence[Float[Array, " triangle"] | None]) -> Tensor | None:
+    """Sum in the order of the shells, so that it does not depend on which thread is first."""
+    found = [part for part in parts if part is not None]
+    return torch.from_numpy(np.sum(found, axis=0)) if found else None
+
+
+def _on_dofs(loads: Float[Tensor, "load vertex 3"]) -> Float[Array, "dof load"]:
+    """Forces on the vertices as loads on all degrees of freedom."""
+    out = np.zeros((loads.shape[1], NODE_DOFS, loads.shape[0]))
+    out[:, :3] = loads.detach().numpy().transpose(1, 2, 0)
+    return out.reshape(NODE_DOFS * loads.shape[1], loads.shape[0])
+
+
+@contextmanager
+def _borrow(solvers: SolverPool | None, shell: ShellModel) -> Iterator[SolverPool]:
+    """The caller's solvers, or ones that live for one call."""
+    if solvers is None:
+        with open_pool(shell.numbering.sparsity) as pool:
+            yield pool
+    elif solvers.sparsity is not shell.numbering.sparsity:
+        raise SolverError(
+            "the solvers belong to another shell",
+            where="shell solver",
+            hint="open the pool with the sparsity of this shell's numbering",
+        )
+    else:
+        yield solvers
 
 
 def _check_modulus(modulus: Float[Array, " triangle"], shell: ShellModel) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 
-from hilbrace.errors import GeometryError
+from hilbrace.errors import GeometryError, SolverError
 from hilbrace.shell.directors import triangle_normals
 
 Array = np.ndarray
@@ -30,6 +30,53 @@ class LoadPattern:
 
     shares: Float[Array, " vertex"]
     forces: Float[torch.Tensor, "frame 3"]
+
+
+@dataclass(frozen=True)
+class NodalLoads:
+    """Loads of all frames, vertex by vertex.
+
+    Attributes:
+        forces: Force on each vertex in each frame [N]. What acts on a clamped vertex goes straight into the
+            reaction of its loop.
+    """
+
+    forces: Float[torch.Tensor, "frame vertex 3"]
+
+
+def check_loads(load: LoadPattern | NodalLoads, vertices: int, frames: int) -> None:
+    """Refuse loads that do not fit the shell, or that are not finite.
+
+    Args:
+        load: The loads.
+        vertices: Number of vertices of the shell.
+        frames: Number of frames.
+
+    Raises:
+        SolverError: The frame or the vertex is named.
+    """
+    pattern = isinstance(load, LoadPattern)
+    expected = (frames, 3) if pattern else (frames, vertices, 3)
+    fits = not pattern or load.shares.shape == (vertices,)
+    if tuple(load.forces.shape) != expected or not fits:
+        raise SolverError(
+            f"loads of shape {tuple(load.forces.shape)} for {frames} frames and {vertices} vertices",
+            where="loads of the shell",
+            hint="give one force per frame and one share per vertex, or a force per frame and vertex",
+        )
+    if pattern and not np.isfinite(load.shares).all():
+        raise SolverError(
+            "a share of the load is not finite",
+            where=f"vertex {np.flatnonzero(~np.isfinite(load.shares))[0]} of the load pattern",
+            hint="compute the shares by joint_line_shares",
+        )
+    finite = torch.isfinite(load.forces.detach()).reshape(frames, -1).all(dim=1)
+    if not finite.all():
+        raise SolverError(
+            f"the loads of {int((~finite).sum())} frames are not finite",
+            where=f"frame {int((~finite).int().argmax())}",
+            hint="check the joint loads of this frame",
+        )
 
 
 def joint_line_shares(

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float, Int
 
 from hilbrace.errors import GeometryError
-from hilbrace.shell.assembly import Numbering, coupling_map, number, refill_map
+from hilbrace.shell.assembly import Numbering, number
 from hilbrace.shell.directors import nodal_directors, tangent_basis
-from hilbrace.shell.element import element_stiffness
+from hilbrace.shell.element import element_stiffness, element_stiffness_and_slope
+from hilbrace.shell.foundation import Foundation, Ground, ground_stiffness
 from hilbrace.shell.loops import loop_centres, loop_motions
+from hilbrace.shell.maps import StiffnessMaps, stiffness_maps
 from hilbrace.shell.mesh_checks import check_shape, check_surface, check_thickness
-from hilbrace.shell.section import isotropic
+from hilbrace.shell.section import Section, isotropic
 
 Array = np.ndarray
 
@@ -23,33 +25,53 @@ Array = np.ndarray
 class ShellModel:
     """A shell that is clamped at both loops, ready for any distribution of the modulus.
 
+    At 10k triangles a model holds some 10 MB besides what all shapes of one brace share; the dense element
+    stiffness is not kept, `unit_stiffness` computes it.
+
     Attributes:
         vertices: Positions [mm].
         triangles: Vertex indices, one orientation throughout.
         upper_loop: Vertices of the upper (proximal) loop.
         lower_loop: Vertices of the lower (distal) loop.
-        thickness_mm: Thickness [mm].
-        poisson: Poisson's ratio [-].
+        thickness_mm: Thickness of each triangle [mm].
+        section: What the wall is made of, relative to a solid of unit modulus.
         centres: Centres of the upper and the lower loop [mm], about which loop moments are taken.
         numbering: Degrees of freedom and sparsity; shared by all shapes of one brace.
-        stiffness: Unit-modulus stiffness of each element.
-        motions: Rigid motions G of the loops on all degrees of freedom.
-        refill: Matrix from the modulus to the values of the free stiffness.
-        coupling: Matrix from the modulus to the flattened K_fb G.
+        loop_motions: Rigid motions G of the loops on the clamped degrees of freedom.
+        maps: Contributions of the triangles to the stiffness.
+        foundation: The skin under the brace, if it carries part of the load.
+        ground: What the skin adds to the stiffness.
     """
 
     vertices: Float[Array, "vertex 3"]
     triangles: Int[Array, "triangle 3"]
     upper_loop: Int[Array, " upper"]
     lower_loop: Int[Array, " lower"]
-    thickness_mm: float
-    poisson: float
+    thickness_mm: Float[Array, " triangle"]
+    section: Section
     centres: Float[Array, "2 3"]
     numbering: Numbering
-    stiffness: Float[Array, "triangle 15 15"]
-    motions: Float[Array, "dof 12"]
-    refill: sp.csr_array
-    coupling: sp.csr_array
+    loop_motions: Float[Array, "clamped 12"]
+    maps: StiffnessMaps
+    foundation: Foundation | None = None
+    ground: Ground | None = None
+
+    @property
+    def refill(self) -> sp.csr_array:
+        """Matrix from the modulus to the stored triangle of the free stiffness."""
+        return self.maps.refill
+
+    @property
+    def clamped(self) -> Int[Array, " clamped"]:
+        """Degrees of freedom of the loops, ascending."""
+        return np.flatnonzero(self.numbering.equation < 0)
+
+    @property
+    def motions(self) -> Float[Array, "dof 12"]:
+        """Rigid motions G of the loops on all degrees of freedom, zero on free ones."""
+        motions = np.zeros((len(self.numbering.equation), self.loop_motions.shape[1]))
+        motions[self.clamped] = self.loop_motions
+        return motions
 
 
 def build_shell(
@@ -57,8 +79,8 @@ def build_shell(
     triangles: Int[Array, "triangle 3"],
     upper_loop: Int[Array, " upper"],
     lower_loop: Int[Array, " lower"],
-    thickness_mm: float,
-    poisson: float,
+    thickness_mm: float | Float[Array, " triangle"],
+    wall: float | Section,
 ) -> ShellModel:
     """Build the shell model of a surface that is clamped at two loops.
 
@@ -67,25 +89,33 @@ def build_shell(
         triangles: Vertex indices, one orientation throughout.
         upper_loop: Vertices of the upper (proximal) loop.
         lower_loop: Vertices of the lower (distal) loop.
-        thickness_mm: Thickness [mm].
-        poisson: Poisson's ratio [-], at least 0 and below 0.5.
+        thickness_mm: Thickness [mm], one for all or one for each triangle.
+        wall: Poisson's ratio of a uniform isotropic wall [-], at least 0 and below 0.5, or the section of any
+            other wall.
 
     Raises:
         GeometryError: The loops or the triangles make no shell.
         SolverError: A vertex or a part of the surface is held by nothing.
     """
+    section = wall if isinstance(wall, Section) else isotropic(wall)
+    thickness = np.array(np.broadcast_to(np.asarray(thickness_mm, dtype=float), len(triangles)))
     check_surface(vertices, triangles, upper_loop, lower_loop)
-    check_thickness(np.full(len(triangles), float(thickness_mm)))
+    check_thickness(thickness)
     numbering = number(len(vertices), triangles, np.concatenate([upper_loop, lower_loop]))
-    return _assemble(vertices, triangles, upper_loop, lower_loop, thickness_mm, poisson, numbering)
+    shape = _Shape(vertices, triangles, upper_loop, lower_loop, thickness, section, numbering, None)
+    return _assemble(shape)
 
 
-def pose_shell(shell: ShellModel, vertices: Float[Array, "vertex 3"]) -> ShellModel:
+def pose_shell(
+    shell: ShellModel, vertices: Float[Array, "vertex 3"], section: Section | None = None
+) -> ShellModel:
     """The same shell in another shape, stress-free there; numbering and sparsity are shared.
 
     Args:
         shell: The shell in one shape.
         vertices: Positions in the other shape [mm].
+        section: The wall with its material directions in the other shape; those of the shell, in space, if
+            left out, which is right for a wall without directions.
 
     Raises:
         GeometryError: The shape has folds or triangles without area.
@@ -97,47 +127,105 @@ def pose_shell(shell: ShellModel, vertices: Float[Array, "vertex 3"]) -> ShellMo
             hint="pose the vertices of the same domain",
         )
     check_shape(vertices, shell.triangles)
-    return _assemble(
-        vertices,
-        shell.triangles,
-        shell.upper_loop,
-        shell.lower_loop,
-        shell.thickness_mm,
-        shell.poisson,
-        shell.numbering,
-    )
+    return _assemble(replace(_shape_of(shell), vertices=vertices, section=section or shell.section))
 
 
-def _assemble(
-    vertices: Float[Array, "vertex 3"],
-    triangles: Int[Array, "triangle 3"],
-    upper_loop: Int[Array, " upper"],
-    lower_loop: Int[Array, " lower"],
-    thickness_mm: float,
-    poisson: float,
-    numbering: Numbering,
-) -> ShellModel:
-    directors = nodal_directors(vertices, triangles)
-    tangents = tangent_basis(directors)
-    stiffness = element_stiffness(
-        vertices[triangles],
-        directors[triangles],
-        tangents[triangles],
-        np.full(len(triangles), float(thickness_mm)),
-        isotropic(poisson),
-    )
-    motions = loop_motions(vertices, tangents, upper_loop, lower_loop)
+def thicken_shell(shell: ShellModel, thickness_mm: Float[Array, " triangle"]) -> ShellModel:
+    """The same shell with another thickness of each triangle [mm].
+
+    Raises:
+        GeometryError: A thickness is not positive, or more than the bend of the wall allows.
+    """
+    if thickness_mm.shape != (len(shell.triangles),):
+        raise GeometryError(
+            f"thickness of shape {thickness_mm.shape} for {len(shell.triangles)} triangles",
+            where="shell",
+            hint="give one thickness per triangle",
+        )
+    check_thickness(thickness_mm)
+    return _assemble(replace(_shape_of(shell), thickness_mm=thickness_mm))
+
+
+def lay_on_skin(shell: ShellModel, foundation: Foundation) -> ShellModel:
+    """The same shell, borne by the skin under it."""
+    shape = replace(_shape_of(shell), foundation=foundation)
+    return replace(shell, foundation=foundation, ground=_ground(shape, _directors(shape)))
+
+
+def unit_stiffness(shell: ShellModel) -> Float[Array, "triangle 15 15"]:
+    """Stiffness of each element for unit modulus."""
+    shape = _shape_of(shell)
+    return element_stiffness(*_wall(shape, _directors(shape)))
+
+
+def thickness_slopes(shell: ShellModel) -> StiffnessMaps:
+    """Derivatives of the contributions of the triangles, each by its own thickness [1/mm]."""
+    shape = _shape_of(shell)
+    _, slope = element_stiffness_and_slope(*_wall(shape, _directors(shape)))
+    return stiffness_maps(shell.numbering, slope, shell.motions)
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """What a shell model is built from."""
+
+    vertices: Array
+    triangles: Array
+    upper_loop: Array
+    lower_loop: Array
+    thickness_mm: Array
+    section: Section
+    numbering: Numbering
+    foundation: Foundation | None
+
+
+def _shape_of(shell: ShellModel) -> _Shape:
+    return _Shape(**{part.name: getattr(shell, part.name) for part in fields(_Shape)})
+
+
+def _assemble(shape: _Shape) -> ShellModel:
+    directors = _directors(shape)
+    numbering, loops = shape.numbering, (shape.upper_loop, shape.lower_loop)
+    motions = loop_motions(shape.vertices, tangent_basis(directors), *loops)
     return ShellModel(
-        vertices=vertices,
-        triangles=triangles,
-        upper_loop=upper_loop,
-        lower_loop=lower_loop,
-        thickness_mm=thickness_mm,
-        poisson=poisson,
-        centres=loop_centres(vertices, upper_loop, lower_loop),
+        vertices=shape.vertices,
+        triangles=shape.triangles,
+        upper_loop=shape.upper_loop,
+        lower_loop=shape.lower_loop,
+        thickness_mm=shape.thickness_mm,
+        section=shape.section,
+        centres=loop_centres(shape.vertices, *loops),
         numbering=numbering,
-        stiffness=stiffness,
-        motions=motions,
-        refill=refill_map(numbering, stiffness),
-        coupling=coupling_map(numbering, stiffness, motions),
+        loop_motions=motions[numbering.equation < 0],
+        maps=stiffness_maps(numbering, element_stiffness(*_wall(shape, directors)), motions),
+        foundation=shape.foundation,
+        ground=_ground(shape, directors),
+    )
+
+
+def _directors(shape: _Shape) -> Float[Array, "vertex 3"]:
+    return nodal_directors(shape.vertices, shape.triangles)
+
+
+def _wall(
+    shape: _Shape, directors: Float[Array, "vertex 3"]
+) -> tuple[Array, Array, Array, Float[Array, " triangle"], Section]:
+    """What the element needs: corners, directors, tangents, thickness and section."""
+    corners = shape.triangles
+    tangents = tangent_basis(directors)
+    return (
+        shape.vertices[corners],
+        directors[corners],
+        tangents[corners],
+        shape.thickness_mm,
+        shape.section,
+    )
+
+
+def _ground(shape: _Shape, directors: Float[Array, "vertex 3"]) -> Ground | None:
+    if shape.foundation is None:
+        return None
+    centres = loop_centres(shape.vertices, shape.upper_loop, shape.lower_loop)
+    return ground_stiffness(
+        shape.foundation, shape.vertices, shape.triangles, directors, centres, shape.numbering
     )

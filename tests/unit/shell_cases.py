@@ -14,6 +14,7 @@ from scipy.sparse.linalg import splu
 
 from hilbrace.shell.directors import tangent_basis
 from hilbrace.shell.element import element_stiffness
+from hilbrace.shell.model import unit_stiffness
 from hilbrace.shell.section import isotropic
 
 
@@ -60,9 +61,9 @@ def tube(columns, rows, radius, length, waviness=0.0, window=False):
 def global_stiffness(shell, modulus):
     """All degrees of freedom, dense, element by element."""
     size = 5 * len(shell.vertices)
-    dense = np.zeros((size, size))
+    dense, stiffness = np.zeros((size, size)), unit_stiffness(shell)
     for element, dofs in enumerate(shell.numbering.element_dofs):
-        dense[np.ix_(dofs, dofs)] += modulus[element] * shell.stiffness[element]
+        dense[np.ix_(dofs, dofs)] += modulus[element] * stiffness[element]
     return dense
 
 

@@ -14,9 +14,11 @@ import psutil
 from rich.console import Console
 from rich.table import Table
 
+from hilbrace.shell.solver import BACKENDS, available_backends
+
 PACKAGES = (
-    "numpy", "scipy", "torch", "trimesh", "manifold3d", "libigl", "mmgpy", "opensim", "ezc3d", "pydantic",
-    "matplotlib", "jinja2",
+    "numpy", "scipy", "torch", "trimesh", "manifold3d", "libigl", "mmgpy", "opensim", "ezc3d", "casadi",
+    "pydantic", "matplotlib", "jinja2",
 )  # fmt: skip
 
 MEMORY_NEEDED_GB = 4.0
@@ -41,7 +43,8 @@ def examine() -> dict[str, Any]:
         "missing": missing,
         "opensim_worker": opensim,
         "torch_build": "CPU" if "+cpu" in (versions["torch"] or "") else "as installed",
-        "shell_solver": "scipy SuperLU",
+        "shell_solver": available_backends()[0],
+        "shell_solvers": list(available_backends()),
         "cores": os.cpu_count(),
         "threads": int(os.environ.get("OMP_NUM_THREADS", os.cpu_count() or 1)),
         "memory_total_gb": round(memory.total / 1e9, 1),
@@ -64,13 +67,20 @@ def print_findings(findings: dict[str, Any]) -> None:
         "OpenSim worker",
         f"answers, {worker['version']}" if worker["answers"] else f"[red]{worker['fault']}[/red]",
     )
-    table.add_row("shell solver", findings["shell_solver"])
+    table.add_row("shell solver", _solvers(findings["shell_solvers"]))
     table.add_row("cores, threads", f"{findings['cores']}, {findings['threads']}")
     table.add_row("memory", f"{findings['memory_free_gb']} of {findings['memory_total_gb']} GB free")
     console.print(table)
     console.print(
         "[green]ready[/green]" if findings["healthy"] else "[red]not ready: mend the rows in red[/red]"
     )
+
+
+def _solvers(names: list[str]) -> str:
+    """The shell solver in use, what else is there, and what would be faster."""
+    others = f" (also {', '.join(names[1:])})" if names[1:] else ""
+    advice = "" if BACKENDS[0] in names else "; four times faster with pip install 'hilbrace\\[mkl]'"
+    return names[0] + others + advice
 
 
 def _version(package: str) -> str | None:

@@ -23,7 +23,7 @@ MODULES = {
     for path in sorted((ROOT / package).rglob("*.py"))
 }
 
-LOAD_OPENSIM = {"hilbrace.biomech.opensim_worker", "hilbrace.biomech.opensim_model"}
+LOAD_OPENSIM = {f"hilbrace.biomech.opensim_{name}" for name in ("worker", "model", "state", "muscles")}
 """Modules of the OpenSim process, which no other process may import."""
 
 LONGEST_FILE, LONGEST_FUNCTION = 400, 80

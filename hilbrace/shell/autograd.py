@@ -65,7 +65,7 @@ class SolvedShell:
 def condense_shells(
     modulus: Float[Tensor, " triangle"],
     shells: Sequence[ShellModel],
-    loads: Sequence[Float[Tensor, "load vertex 3"]],
+    loads: Sequence[Float[Tensor, "_ vertex 3"]],
     modes: bool,
     thickness: Float[Tensor, " triangle"] | None = None,
     solvers: SolverPool | None = None,

@@ -58,6 +58,17 @@ def tube(columns, rows, radius, length, waviness=0.0, window=False):
     return vertices, triangles, upper, lower
 
 
+def bent_frames(vertices, frames, deepest=75.0):
+    """The shape in every frame: the part below the origin turns about z, smoothly around the joint."""
+    share = 1 / (1 + np.exp(vertices[:, 1] / 12.0))
+    posed = []
+    for flexion in np.deg2rad(deepest) * np.sin(np.linspace(0.2, 3.0, frames)):
+        cos, sin = np.cos(flexion * share), np.sin(flexion * share)
+        x, y, z = vertices.T
+        posed.append(np.stack([cos * x + sin * y, cos * y - sin * x, z], axis=1))
+    return np.stack(posed)
+
+
 def global_stiffness(shell, modulus):
     """All degrees of freedom, dense, element by element."""
     size = 5 * len(shell.vertices)

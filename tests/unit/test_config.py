@@ -27,6 +27,10 @@ def test_an_empty_file_is_a_configuration(tmp_path: Path):
         ({"domain": {"triangles": 3}}, ("domain.triangles", "greater than or equal to 400")),
         ({"domain": {"side": "middle"}}, ("domain.side", "'left' or 'right'")),
         ({"motion": {"plates": {"1": "both"}}}, ("motion.plates.1", "right")),
+        ({"optimize": {"coupling": "spring"}}, ("optimize.coupling", "'stiffness' or 'paper'")),
+        ({"optimize": {"prevent": ["valgus"]}}, ("optimize.prevent", "'valgus'", "adduction, rotation")),
+        ({"optimize": {"preserve": ["inversion"]}}, ("optimize.preserve", "knee", "flexion")),
+        ({"optimize": {"preserve": ["adduction"]}}, ("'adduction' more than once", "one of the two")),
     ],
 )
 def test_a_wrong_key_or_value_is_named(content, words):

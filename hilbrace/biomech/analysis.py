@@ -14,29 +14,28 @@ import numpy as np
 from jaxtyping import Float
 
 from hilbrace.biomech import dynamics
-from hilbrace.biomech.calibration import calibrate
 from hilbrace.biomech.dynamics import GroundReaction, Momenta
 from hilbrace.biomech.engine import Engine, Report
 from hilbrace.biomech.joint_loads import JOINTS, JointLoads, without_muscles
-from hilbrace.biomech.kinematics import Kinematics, follow, own_markers
+from hilbrace.biomech.kinematics import Kinematics, follow
 from hilbrace.biomech.model_figures import ModelFigures
+from hilbrace.biomech.residuals import (
+    pelvis_residual,
+    residual_figures,
+    residual_notes,
+    unmeasured_support,
+)
+from hilbrace.biomech.subject_model import subject_model
 from hilbrace.body.body import Body
 from hilbrace.config import BiomechSettings, MotionSettings
-from hilbrace.errors import InputError
-from hilbrace.motion.filters import gap_free_runs, lowpass
+from hilbrace.motion.filters import lowpass
 from hilbrace.motion.marker_maps import MarkerMap
 from hilbrace.motion.trial import Trial
 from hilbrace.run.progress import silent
-from hilbrace.units import GRAVITY
 
 Array = np.ndarray
 
 SIDE = {"r": "right", "l": "left"}
-UNMEASURED_BW = 0.5
-UNMEASURED_S = 0.15
-"""A vertical pelvis residual above this [body weights] for this long [s] is a support without a plate."""
-MASS_MISMATCH = 0.15
-"""Difference between a user's model and the subject above which the model counts as unscaled [-]."""
 
 
 class JointOfModel(NamedTuple):
@@ -92,14 +91,13 @@ def compute_joint_loads(
 ) -> JointLoads:
     """Angles and net loads of knees and ankles, per frame.
 
-    The built-in model is scaled by the body's factors and mass. A model of the user (``biomech.model``) is
-    used as it is, with its own markers, which the recording must name alike; only its knees gain adduction
-    and rotation. It must be scaled to the subject.
+    The model is the built-in one, scaled by the body's factors and mass, or the user's (``biomech.model``);
+    see `hilbrace.biomech.subject_model.subject_model`.
 
     Args:
         trial: The motion, its forces filtered.
         body: The subject's segment scales and mass.
-        marker_map: Meaning of the marker names; not used with a model of the user.
+        marker_map: Meaning of the marker names.
         motion: Cut-off frequency.
         biomech: Model and regularisation of the knees.
         progress: Called with (done, total) frames of the fit.
@@ -110,20 +108,7 @@ def compute_joint_loads(
     """
     hold = biomech.knee_regularisation
     with Engine() as engine:
-        if biomech.model is None:
-            figures = ModelFigures(
-                **engine.call(
-                    "build_model",
-                    bodies=body.scaled_bodies,
-                    scales=body.segment_scales,
-                    mass_kg=body.mass_kg,
-                )
-            )
-            markers, start, said = calibrate(engine, figures, trial, marker_map)
-        else:
-            figures = ModelFigures(**engine.call("read_model", path=str(biomech.model.resolve())))
-            said = _check_own_model(figures, body.mass_kg, str(biomech.model))
-            markers, start = own_markers(figures)
+        figures, markers, start, said = subject_model(engine, trial, body, marker_map, biomech)
         fitted = follow(engine, figures, trial, markers, start, hold, progress)
         smooth = lowpass(fitted.coordinates, trial.rate_hz, motion.cutoff_hz)
         poses = engine.call("poses", coordinates=smooth)
@@ -159,30 +144,6 @@ class _Moved(NamedTuple):
         return origin + self.rotation(body) @ self.figures.joint_centres[body]
 
 
-def _check_own_model(figures: ModelFigures, mass_kg: float, path: str) -> tuple[str, ...]:
-    """A user's model must have the joints that we read, and the subject's size."""
-    joints = joints_of_model(figures)
-    lacking = [n for joint in joints for n in joint.coordinates if n not in figures.coordinates]
-    lacking += [n for joint in joints for n in joint.below if n not in figures.bodies]
-    if lacking:
-        raise InputError(
-            f"the model has no {', '.join(dict.fromkeys(lacking))}",
-            where=path,
-            hint="use a model of the Rajagopal family, or leave biomech.model out",
-        )
-    mismatch = figures.mass_kg / mass_kg - 1.0
-    if abs(mismatch) > MASS_MISMATCH:
-        raise InputError(
-            f"the model weighs {figures.mass_kg:.1f} kg, the subject {mass_kg:.1f} kg: it is not scaled",
-            where=path,
-            hint="scale it to the subject in OpenSim, or leave biomech.model out to have ours scaled",
-        )
-    return (
-        f"model '{figures.name}' of {figures.mass_kg:.1f} kg was used with its own size and markers; "
-        "its knees gained adduction and rotation",
-    )
-
-
 def _loads(
     trial: Trial,
     model: _Moved,
@@ -196,7 +157,10 @@ def _loads(
     segments = dynamics.momenta(
         model.rotations, model.origins, figures.masses, figures.centres, figures.inertias, trial.rate_hz
     )
-    residual = segments.force.sum(axis=1) - trial.ground_force.sum(axis=1)
+    pelvis = model.origins[:, figures.bodies.index("pelvis")]
+    residual = pelvis_residual(segments, [_ground_reaction(trial, foot) for foot in trial.feet], pelvis)
+    carried = unmeasured_support(residual.force, trial.mass_kg, trial.rate_hz)
+    judged = residual_figures(trial.time, residual, trial.ground_force.sum(axis=1), segments, carried)
     shape = (len(trial.time), len(JOINTS), 3)
     angles, force, moment = np.zeros(shape), np.empty(shape), np.empty(shape)
     axes, inertia, rotation = np.empty((*shape, 3)), np.empty((*shape, 3)), np.empty((*shape, 3))
@@ -233,23 +197,15 @@ def _loads(
         inertia=inertia,
         distal_jacobian=jacobian,
         marker_names=fitted.marker_names,
+        marker_bodies=fitted.marker_bodies,
         marker_error=fitted.marker_error,
         cutoff_hz=cutoff_hz,
-        pelvis_residual_force=residual,
+        pelvis_residual_force=residual.force,
+        pelvis_residual_moment=residual.moment,
+        residuals=judged,
         **without_muscles(len(trial.time), len(JOINTS), len(figures.coordinates)),
-        notes=(*said, *fitted.notes, *_unmeasured_support(trial, residual)),
+        notes=(*said, *fitted.notes, *residual_notes(judged, trial.time, carried)),
     )
-
-
-def _unmeasured_support(trial: Trial, residual: Float[Array, "frame 3"]) -> list[str]:
-    """Say when the subject stood on, or held, something without a force plate (a box before a drop jump)."""
-    lifted = residual[:, 1] > UNMEASURED_BW * trial.mass_kg * GRAVITY
-    return [
-        f"{trial.time[run.start]:.2f} to {trial.time[run.stop - 1]:.2f} s: something that no force plate "
-        "measures carries the subject; forces at knees and ankles are those of hanging legs"
-        for run in gap_free_runs(np.where(lifted, 0.0, np.nan))
-        if run.stop - run.start > UNMEASURED_S * trial.rate_hz
-    ]
 
 
 def _ground_reaction(trial: Trial, foot: str) -> GroundReaction:

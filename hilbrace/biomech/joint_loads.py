@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -44,10 +44,14 @@ class JointLoads:
             frame. Its transpose takes a force on that part [N] and the moment about the joint's centre [N*m]
             to moments about the three angles. The part above the joint does not move with them.
         marker_names: Markers tracked.
+        marker_bodies: Body that carries each.
         marker_error: Distance of each marker from the model's [m]; NaN in gaps.
         cutoff_hz: Low-pass cut-off applied to coordinates and forces [Hz].
         notes: What was left out or bridged on the way, one sentence each.
         pelvis_residual_force: What the pelvis of the model would need to be held with [N]; ground frame.
+        pelvis_residual_moment: Moment of the same about the origin of the pelvis [N*m].
+        residuals: Figures of both against the limits of Hicks et al. 2015; see
+            `hilbrace.biomech.residuals.residual_figures`.
         joint_moment: Generalised force of inverse dynamics on each coordinate [N*m or N].
         reserve: Part of it that ideal actuators supply beside the muscles; NaN where no muscles were
             solved for.
@@ -105,6 +109,9 @@ class JointLoads:
     contact_medial: Float[Array, "frame joint"]
     contact_lateral: Float[Array, "frame joint"]
     notes: tuple[str, ...] = ()
+    marker_bodies: tuple[str, ...] = ()
+    pelvis_residual_moment: Float[Array, "judged 3"] = field(default_factory=lambda: np.zeros((0, 3)))
+    residuals: dict[str, float] = field(default_factory=dict)
 
 
 def without_muscles(frames: int, joints: int, coordinates: int) -> dict[str, Any]:

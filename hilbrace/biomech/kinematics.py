@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hilbrace.biomech.engine import Engine, Report
+from hilbrace.biomech.marker_report import load_bearing, marker_report, report_notes
 from hilbrace.biomech.markers import (
     PlacedMarkers,
     check_segments,
@@ -29,6 +30,8 @@ LEGS = (
     *(f"{name}_{side}" for side in "rl" for name in _LEG),
 )
 """Coordinates that the loads of knees and ankles stand on."""
+NEEDED_COORDINATES = frozenset((*LEGS, *KNEE_FRONTAL, "pelvis_tx", "pelvis_ty", "pelvis_tz"))
+"""Coordinates that the fit moves even where a user's model locks them."""
 SUPPORT_M2 = 1e-3
 """Stiffness by markers [m^2] below which a coordinate counts as unseen: 0.1 rad move them 3 mm in all."""
 LONGEST_GAP_S = 0.1
@@ -44,12 +47,14 @@ class Kinematics:
     Attributes:
         coordinates: Values [rad or m], in the model's order.
         marker_names: Markers tracked.
+        marker_bodies: Body that carries each.
         marker_error: Distance of each from the model's [m]; NaN in gaps.
         notes: What was left out or bridged, one sentence each.
     """
 
     coordinates: Float[Array, "frame coordinate"]
     marker_names: tuple[str, ...]
+    marker_bodies: tuple[str, ...]
     marker_error: Float[Array, "frame marker"]
     notes: tuple[str, ...]
 
@@ -71,7 +76,8 @@ def follow(
         trial: The motion.
         markers: Markers on the model.
         start: Pose near the first frame's, up to place and heading [rad or m].
-        knee_hold: Stiffness that holds knee adduction and rotation near zero [m^2].
+        knee_hold: Stiffness that holds knee adduction and rotation near zero, and so the inversion of a foot
+            with fewer than `FOOT_MARKERS` markers [m^2].
         progress: Called with (done, total) frames.
 
     Raises:
@@ -91,6 +97,8 @@ def follow(
             hint="start later with motion.window",
         )
     visible = tracked.of(tracked.names[k] for k in first)
+    fixed, held = fixed_coordinates(figures, tracked), dict.fromkeys(KNEE_FRONTAL, knee_hold)
+    held |= dict.fromkeys((name for name in fixed if name.startswith("subtalar_angle")), knee_hold)
     fitted = engine.call(
         "inverse_kinematics",
         progress=progress,
@@ -99,8 +107,8 @@ def follow(
         weights=tracked.weights,
         measured=measured,
         start=facing(engine, figures, visible, measured[0, first], start),
-        fixed=fixed_coordinates(figures, tracked),
-        held=dict.fromkeys(KNEE_FRONTAL, knee_hold),
+        fixed=tuple(name for name in fixed if name not in held),
+        held=held,
     )
     coordinates, bridged = _bridge(fitted["coordinates"], fitted["support"], figures, trial)
     notes = [
@@ -110,7 +118,11 @@ def follow(
         ),
         *_listed("markers of the model that the motion does not show", set(markers.names) - set(present)),
     ]
-    return Kinematics(coordinates, tracked.names, fitted["errors"], tuple(notes))
+    errors = fitted["errors"]
+    notes += report_notes(
+        marker_report(tracked.names, errors), load_bearing(tracked.names, tracked.bodies, errors), trial.time
+    )
+    return Kinematics(coordinates, tracked.names, tracked.bodies, errors, tuple(notes))
 
 
 def own_markers(figures: ModelFigures) -> tuple[PlacedMarkers, Float[Array, " coordinate"]]:
@@ -126,9 +138,10 @@ def fixed_coordinates(figures: ModelFigures, markers: PlacedMarkers) -> tuple[st
     """Coordinates that stay: those the model locks, less those of a foot that carries enough markers.
 
     Inversion is free where a foot carries three markers; the toes' joint where the toes do themselves. Wrists
-    stay locked, since nobody's markers on the forearm show them.
+    stay locked, since nobody's markers on the forearm show them. What a user's model locks at hips, knees and
+    ankles is free, too.
     """
-    freed = set()
+    freed = set(NEEDED_COORDINATES)
     for side in "rl":
         foot = [body for body in markers.bodies if body in (f"calcn_{side}", f"toes_{side}")]
         if len(foot) >= FOOT_MARKERS:

@@ -135,6 +135,17 @@ def markers_of_model(figures: ModelFigures) -> PlacedMarkers:
     return PlacedMarkers(names, bodies, locations, np.ones(len(names)))
 
 
+def segments_lacking(markers: PlacedMarkers, standing: bool = False) -> tuple[str, ...]:
+    """Segments that the markers leave loose, with how many each has and needs; empty if none."""
+    lacking = []
+    for segment, bodies, moving, still in SEGMENTS:
+        least = still if standing else moving
+        found = sum(body in bodies for body in markers.bodies)
+        if found < least:
+            lacking.append(f"the {segment} has {found} of the {least} markers needed")
+    return tuple(lacking)
+
+
 def check_segments(
     markers: PlacedMarkers, recorded: Iterable[str], where: str, standing: bool = False
 ) -> None:
@@ -149,14 +160,11 @@ def check_segments(
     Raises:
         InputError: A segment has too few markers; lists the recorded names that have no place on the model.
     """
-    for segment, bodies, moving, still in SEGMENTS:
-        least = still if standing else moving
-        found = [name for name, body in zip(markers.names, markers.bodies, strict=True) if body in bodies]
-        if len(found) < least:
-            strange = sorted(set(recorded) - set(markers.names))
-            raise InputError(
-                f"the {segment} has {len(found)} of the {least} markers needed; "
-                f"recorded without a place on the model: {', '.join(strange) or 'none'}",
-                where=where,
-                hint="record or rename markers there, or set motion.marker_map to a map that lists them",
-            )
+    lacking = segments_lacking(markers, standing)
+    if lacking:
+        strange = sorted(set(recorded) - set(markers.names))
+        raise InputError(
+            f"{'; '.join(lacking)}; recorded without a place on the model: {', '.join(strange) or 'none'}",
+            where=where,
+            hint="record or rename markers there, or set motion.marker_map to a map that lists them",
+        )

@@ -84,6 +84,22 @@ class Worker(MuscleTasks):
         """
         return self._take(opensim_model.read_model(Path(path)))
 
+    def scale_model(
+        self, bodies: Sequence[str], scales: Float[Array, "body 3"], mass_kg: float
+    ) -> dict[str, Any]:
+        """Scale the model at hand.
+
+        Args:
+            bodies: Names of the bodies that ``scales`` belong to; others keep their size.
+            scales: Factors along each body's axes [-].
+            mass_kg: Mass of the scaled model [kg].
+
+        Returns:
+            See `read_model`.
+        """
+        factors = dict(zip(bodies, np.asarray(scales, dtype=float), strict=True))
+        return self._take(opensim_model.scale_model(self._model, factors, mass_kg))
+
     def write_model(self, path: str) -> None:
         """Write the model as it is, with its markers, to an ``.osim`` file."""
         Path(path).parent.mkdir(parents=True, exist_ok=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -10,10 +11,14 @@ from jaxtyping import Float
 from torch import Tensor
 
 from hilbrace.biomech.joint_loads import JointLoads
+from hilbrace.domain.domain import Domain
 from hilbrace.optimize.coupling import COUPLINGS, Prediction, contact_change
+from hilbrace.optimize.design import COUPLINGS as COUPLING_NAMES
+from hilbrace.optimize.design import Design
 from hilbrace.optimize.joint_response import joint_motion, resampling
 from hilbrace.optimize.problem import Problem, passive_stiffness
 from hilbrace.shell import ShellResponse
+from hilbrace.units import GRAVITY
 
 Array = np.ndarray
 
@@ -76,3 +81,55 @@ def _largest(
     other = replace(problem, motion=motion)
     every: list[Prediction] = [couple(other, modulus, response) for couple in COUPLINGS.values()]
     return np.stack([prediction.change.abs().amax(dim=0).numpy() for prediction in every])
+
+
+def prediction_figures(design: Design, loads: JointLoads, domain: Domain) -> dict[str, Any]:
+    """What the design is predicted to do, in figures that people read.
+
+    The change of the peak contact force is left out (None) where muscle and contact forces are not known.
+
+    Args:
+        design: The finished design.
+        loads: Loads of the joints.
+        domain: The brace's surface and the frames of the design.
+    """
+    weight = loads.body_mass_kg * GRAVITY
+    contact = loads.contact_force[:, loads.joints.index(domain.joint)]
+    resting = resampling(loads.time, domain.time) @ contact
+    every: dict[str, dict[str, float | None]] = {}
+    for index, coupling in enumerate(COUPLING_NAMES):
+        change, force = design.angle_changes[index], design.contact_force_change[index]
+        peak = _peak(resting + force) - _peak(resting)
+        every[coupling] = {
+            **_degrees(np.abs(change).max(axis=0)),
+            "contact_force_change_max_n": _significant(_peak(force)),
+            "contact_force_peak_change_bw": _significant(peak / weight) if np.isfinite(peak) else None,
+        }
+    rows = zip(design.passive_levels, design.passive_sensitivity, strict=True)
+    return {
+        "coupling": design.coupling,
+        "predicted_by_coupling": every,
+        "passive_sensitivity": [
+            {
+                "passive_frontal_nm_per_deg": float(level),
+                **{name: _degrees(row) for name, row in zip(COUPLING_NAMES, largest, strict=True)},
+            }
+            for level, largest in rows
+        ],
+    }
+
+
+def _degrees(largest: Float[Array, "3"]) -> dict[str, float | None]:
+    planes = ("sagittal", "frontal", "axial")
+    return {
+        f"{plane}_change_max_deg": _significant(value)
+        for plane, value in zip(planes, np.rad2deg(largest), strict=True)
+    }
+
+
+def _peak(vectors: Float[Array, "frame 3"]) -> float:
+    return float(np.linalg.norm(vectors, axis=1).max())
+
+
+def _significant(value: float) -> float:
+    return float(f"{value:.4g}")

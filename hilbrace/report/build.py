@@ -127,6 +127,8 @@ def _page(
         volume=f"{100 * brace['volume_fraction']:.1f} %",
         passive=config.optimize.passive_frontal_nm_per_deg,
         stiffness_rows=_stiffness_rows(brace),
+        coupling=brace["coupling"],
+        prediction_rows=_prediction_rows(brace),
         figures_rows=_figure_rows(metrics),
         notes=[_sentence(note) for note in (*motion["notes"], *biomech["notes"])],
     )
@@ -164,6 +166,19 @@ def _stiffness_rows(brace: dict[str, Any]) -> list[tuple[str, str, str]]:
         rows.append(
             (f"frontal, {posture['flexion_deg']:.0f} deg flexion [N*m/deg]", f"{own:.4f}", f"{plain:.4f}")
         )
+    return rows
+
+
+def _prediction_rows(brace: dict[str, Any]) -> list[tuple[str, ...]]:
+    """Largest predicted changes, by both couplings, for the run's settings and for other passive stiffnesses."""
+
+    def row(label: str, found: dict[str, dict[str, float]]) -> tuple[str, ...]:
+        planes = ("frontal_change_max_deg", "sagittal_change_max_deg")
+        return (label, *(f"{found[name][plane]:.3g}" for name in ("stiffness", "paper") for plane in planes))
+
+    rows = [row("as configured", brace["predicted_by_coupling"])]
+    for other in brace["passive_sensitivity"]:
+        rows.append(row(f"{other['passive_frontal_nm_per_deg']:g} N*m/deg", other))
     return rows
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from hilbrace.biomech.analysis import compute_joint_loads
 from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.biomech.loads_csv import write_joint_loads_csv
+from hilbrace.biomech.marker_report import load_bearing, write_marker_errors_csv
 from hilbrace.body.body import Body
 from hilbrace.body.build import build_body
 from hilbrace.domain.build import build_domain
@@ -95,8 +96,9 @@ def biomech(inputs: Inputs) -> Outcome:
     )
     table = inputs.folder / "joint_loads.csv"
     write_joint_loads_csv(loads, table)
-    about = table.with_suffix(".json")
-    return Outcome(loads, (table, about), {"biomech": _load_figures(loads, braced_joint(inputs))})
+    about, errors = table.with_suffix(".json"), inputs.folder / "marker_errors.csv"
+    write_marker_errors_csv(loads.time, loads.marker_names, loads.marker_error, errors)
+    return Outcome(loads, (table, about, errors), {"biomech": _load_figures(loads, braced_joint(inputs))})
 
 
 def domain(inputs: Inputs) -> Outcome:
@@ -200,18 +202,22 @@ def _load_figures(loads: JointLoads, joint: str) -> dict[str, object]:
     index = loads.joints.index(joint)
     weight = loads.body_mass_kg * GRAVITY
     error = loads.marker_error[np.isfinite(loads.marker_error)]
+    legs = load_bearing(loads.marker_names, loads.marker_bodies, loads.marker_error)
     flexion, adduction, rotation = np.rad2deg(loads.angles[:, index]).T
     return {
         "coordinates": len(loads.coordinate_names),
         "muscles": loads.muscles,
         "marker_rms_mm": _rounded(MM_PER_M * np.sqrt((error**2).mean())),
         "marker_max_mm": _rounded(MM_PER_M * error.max()),
+        "marker_legs_rms_mm": _rounded(MM_PER_M * legs.rms),
+        "marker_legs_max_mm": _rounded(MM_PER_M * legs.largest),
         "joint": joint,
         "knee_flexion_max_deg": _rounded(flexion.max()),
         "knee_adduction_range_deg": [_rounded(adduction.min()), _rounded(adduction.max())],
         "knee_rotation_range_deg": [_rounded(rotation.min()), _rounded(rotation.max())],
         "acting_force_peak_bw": _rounded(np.linalg.norm(loads.acting_force[:, index], axis=1).max() / weight),
         "pelvis_residual_rms_n": _rounded(np.sqrt((loads.pelvis_residual_force**2).sum(1).mean())),
+        **{name: _rounded(value) for name, value in loads.residuals.items()},
         "cutoff_hz": loads.cutoff_hz,
         "notes": list(loads.notes),
     }

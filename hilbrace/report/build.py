@@ -170,7 +170,7 @@ def _stiffness_rows(brace: dict[str, Any]) -> list[tuple[str, str, str]]:
 
 
 def _prediction_rows(brace: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Largest predicted changes, by both couplings, for the run's settings and for other passive stiffnesses."""
+    """Largest predicted changes by both couplings, as configured and for other passive stiffnesses."""
 
     def row(label: str, found: dict[str, dict[str, float]]) -> tuple[str, ...]:
         planes = ("frontal_change_max_deg", "sagittal_change_max_deg")

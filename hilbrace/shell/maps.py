@@ -19,12 +19,34 @@ import scipy.sparse as sp
 from jaxtyping import Float, Int
 
 from hilbrace.shell.assembly import Numbering, refill_map
+from hilbrace.shell.element import NODE_DOFS
 from hilbrace.shell.loops import LOOP_DOFS
 from hilbrace.shell.symmetric import Sparsity, product
 
 Array = np.ndarray
 
-_CHUNK = 8
+_FIELDS = 8
+"""Fields whose energies are found at a time."""
+
+_PAIRS = 512
+"""Pairs of vertices at a time: what they need stays in the processor's cache."""
+
+
+@dataclass(frozen=True)
+class VertexPairs:
+    """The stored entries of the free stiffness, as blocks of the degrees of freedom of two vertices.
+
+    Attributes:
+        row: Free vertex of the rows of each block.
+        column: Free vertex of its columns.
+        entry: Position of each stored entry in the flattened blocks.
+        share: 1 for entries on the diagonal and 2 for all others, which stand for two.
+    """
+
+    row: Int[Array, " pair"]
+    column: Int[Array, " pair"]
+    entry: Int[Array, " entry"]
+    share: Float[Array, " entry"]
 
 
 @dataclass(frozen=True)
@@ -32,12 +54,14 @@ class StiffnessMaps:
     """Contributions of the elements, for unit modulus.
 
     Attributes:
-        refill: Matrix from the modulus to the stored triangle of the free stiffness.
+        pairs: Blocks of the stored triangle of the free stiffness.
+        refill: Matrix from the modulus to that triangle.
         held: Elements that touch a loop.
         force: Their nodal forces per unit rigid motion of a loop, k_e G.
         ends: Their part in the stiffness between the motions of the loops, G^T k_e G.
     """
 
+    pairs: VertexPairs
     refill: sp.csr_array
     held: Int[Array, " held"]
     force: Float[Array, "held 15 12"]
@@ -59,20 +83,39 @@ class Assembled:
     ends: Float[Array, "12 12"]
 
 
+def vertex_pairs(sparsity: Sparsity) -> VertexPairs:
+    """Blocks of a sparsity whose equations are those of vertices, all of a vertex or none."""
+    column = np.repeat(np.arange(sparsity.size), np.diff(sparsity.start))
+    vertices = sparsity.size // NODE_DOFS
+    key = (column // NODE_DOFS).astype(np.int64) * vertices + sparsity.row // NODE_DOFS
+    pairs, block = np.unique(key, return_inverse=True)
+    return VertexPairs(
+        row=pairs % vertices,
+        column=pairs // vertices,
+        entry=block * NODE_DOFS**2 + (sparsity.row % NODE_DOFS) * NODE_DOFS + column % NODE_DOFS,
+        share=np.where(sparsity.row == column, 1.0, 2.0),
+    )
+
+
 def stiffness_maps(
-    numbering: Numbering, stiffness: Float[Array, "element 15 15"], motions: Float[Array, "dof 12"]
+    numbering: Numbering,
+    pairs: VertexPairs,
+    stiffness: Float[Array, "element 15 15"],
+    motions: Float[Array, "dof 12"],
 ) -> StiffnessMaps:
     """Maps of a shell.
 
     Args:
         numbering: Its degrees of freedom.
+        pairs: Blocks of its sparsity.
         stiffness: Element stiffness for unit modulus, or its slope by the thickness.
         motions: Rigid motions G of the clamped degrees of freedom, zero on free ones.
     """
     held = np.flatnonzero((numbering.equation[numbering.element_dofs] < 0).any(axis=1))
     local = motions[numbering.element_dofs[held]]
     force = stiffness[held] @ local
-    return StiffnessMaps(refill_map(numbering, stiffness), held, force, local.transpose(0, 2, 1) @ force)
+    ends = local.transpose(0, 2, 1) @ force
+    return StiffnessMaps(pairs, refill_map(numbering, stiffness), held, force, ends)
 
 
 def assemble(numbering: Numbering, maps: StiffnessMaps, modulus: Float[Array, " element"]) -> Assembled:
@@ -105,10 +148,8 @@ def contract(
         motions: Number of leading fields that move a loop: 12, or none.
     """
     weighted = fields @ pairing
-    values = sampled_product(numbering.sparsity, weighted, fields)
-    values *= 2.0
-    values[numbering.sparsity.start[:-1]] *= 0.5
-    out = maps.refill.T @ values
+    values = sampled_product(maps.pairs, weighted, np.ascontiguousarray(fields))
+    out = maps.refill.T @ (values * maps.pairs.share)
     if motions:
         on_nodes = _scatter(numbering, maps.held).T @ weighted[:, :motions]
         out[maps.held] += 2.0 * np.einsum("eij,eij->e", on_nodes.reshape(maps.force.shape), maps.force)
@@ -122,14 +163,12 @@ def field_energies(
     """Energies ``x^T k_e x`` of every element in every field that leaves the loops where they are."""
     sparsity = numbering.sparsity
     columns = np.repeat(np.arange(sparsity.size), np.diff(sparsity.start))
-    twice = np.full(sparsity.entries, 2.0)
-    twice[sparsity.start[:-1]] = 1.0
     backwards = maps.refill.T.tocsr()
     out = np.empty((fields.shape[1], len(numbering.element_dofs)))
-    for first in range(0, fields.shape[1], _CHUNK):
-        part = np.ascontiguousarray(fields[:, first : first + _CHUNK])
+    for first in range(0, fields.shape[1], _FIELDS):
+        part = np.ascontiguousarray(fields[:, first : first + _FIELDS])
         squares = part[sparsity.row] * part[columns]
-        out[first : first + _CHUNK] = (backwards @ (twice[:, None] * squares)).T
+        out[first : first + _FIELDS] = (backwards @ (maps.pairs.share[:, None] * squares)).T
     return out
 
 
@@ -147,11 +186,18 @@ def field_forces(
 
 
 def sampled_product(
-    sparsity: Sparsity, left: Float[Array, "free field"], right: Float[Array, "free field"]
+    pairs: VertexPairs, left: Float[Array, "free field"], right: Float[Array, "free field"]
 ) -> Float[Array, " entry"]:
     """Entries of ``left @ right.T`` at the stored triangle of a symmetric matrix."""
-    columns = np.repeat(np.arange(sparsity.size), np.diff(sparsity.start))
-    return np.einsum("ec,ec->e", left[sparsity.row], right[columns])
+    count = left.shape[1]
+    rows, columns = (one.reshape(-1, NODE_DOFS * count) for one in (left, right))
+    blocks = np.empty((len(pairs.row), NODE_DOFS, NODE_DOFS))
+    for first in range(0, len(blocks), _PAIRS):
+        part = slice(first, first + _PAIRS)
+        row = rows[pairs.row[part]].reshape(-1, NODE_DOFS, count)
+        column = columns[pairs.column[part]].reshape(-1, NODE_DOFS, count)
+        np.matmul(row, column.transpose(0, 2, 1), out=blocks[part])
+    return blocks.reshape(-1)[pairs.entry]
 
 
 def _scatter(numbering: Numbering, held: Int[Array, " held"]) -> sp.csr_array:

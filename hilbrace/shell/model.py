@@ -14,7 +14,7 @@ from hilbrace.shell.directors import nodal_directors, tangent_basis
 from hilbrace.shell.element import element_stiffness, element_stiffness_and_slope
 from hilbrace.shell.foundation import Foundation, Ground, ground_stiffness
 from hilbrace.shell.loops import loop_centres, loop_motions
-from hilbrace.shell.maps import StiffnessMaps, stiffness_maps
+from hilbrace.shell.maps import StiffnessMaps, VertexPairs, stiffness_maps, vertex_pairs
 from hilbrace.shell.mesh_checks import check_shape, check_surface, check_thickness
 from hilbrace.shell.section import Section, isotropic
 
@@ -103,7 +103,7 @@ def build_shell(
     check_thickness(thickness)
     numbering = number(len(vertices), triangles, np.concatenate([upper_loop, lower_loop]))
     shape = _Shape(vertices, triangles, upper_loop, lower_loop, thickness, section, numbering, None)
-    return _assemble(shape)
+    return _assemble(shape, vertex_pairs(numbering.sparsity))
 
 
 def pose_shell(
@@ -127,7 +127,8 @@ def pose_shell(
             hint="pose the vertices of the same domain",
         )
     check_shape(vertices, shell.triangles)
-    return _assemble(replace(_shape_of(shell), vertices=vertices, section=section or shell.section))
+    shape = replace(_shape_of(shell), vertices=vertices, section=section or shell.section)
+    return _assemble(shape, shell.maps.pairs)
 
 
 def thicken_shell(shell: ShellModel, thickness_mm: Float[Array, " triangle"]) -> ShellModel:
@@ -143,7 +144,7 @@ def thicken_shell(shell: ShellModel, thickness_mm: Float[Array, " triangle"]) ->
             hint="give one thickness per triangle",
         )
     check_thickness(thickness_mm)
-    return _assemble(replace(_shape_of(shell), thickness_mm=thickness_mm))
+    return _assemble(replace(_shape_of(shell), thickness_mm=thickness_mm), shell.maps.pairs)
 
 
 def lay_on_skin(shell: ShellModel, foundation: Foundation) -> ShellModel:
@@ -162,7 +163,7 @@ def thickness_slopes(shell: ShellModel) -> StiffnessMaps:
     """Derivatives of the contributions of the triangles, each by its own thickness [1/mm]."""
     shape = _shape_of(shell)
     _, slope = element_stiffness_and_slope(*_wall(shape, _directors(shape)))
-    return stiffness_maps(shell.numbering, slope, shell.motions)
+    return stiffness_maps(shell.numbering, shell.maps.pairs, slope, shell.motions)
 
 
 @dataclass(frozen=True)
@@ -183,7 +184,7 @@ def _shape_of(shell: ShellModel) -> _Shape:
     return _Shape(**{part.name: getattr(shell, part.name) for part in fields(_Shape)})
 
 
-def _assemble(shape: _Shape) -> ShellModel:
+def _assemble(shape: _Shape, pairs: VertexPairs) -> ShellModel:
     directors = _directors(shape)
     numbering, loops = shape.numbering, (shape.upper_loop, shape.lower_loop)
     motions = loop_motions(shape.vertices, tangent_basis(directors), *loops)
@@ -197,7 +198,7 @@ def _assemble(shape: _Shape) -> ShellModel:
         centres=loop_centres(shape.vertices, *loops),
         numbering=numbering,
         loop_motions=motions[numbering.equation < 0],
-        maps=stiffness_maps(numbering, element_stiffness(*_wall(shape, directors)), motions),
+        maps=stiffness_maps(numbering, pairs, element_stiffness(*_wall(shape, directors)), motions),
         foundation=shape.foundation,
         ground=_ground(shape, directors),
     )

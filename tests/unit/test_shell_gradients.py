@@ -142,7 +142,7 @@ def test_taylor_remainder_falls_with_the_square_of_the_step(mode, variable, outp
 
 
 def test_gradient_through_all_outputs_at_once_is_the_sum_of_the_single_ones():
-    at, along = start()
+    at, _ = start()
     at.pop("nodal")
     family = FAMILIES["clusters:2"]
     at["modulus"].requires_grad_()

@@ -59,7 +59,7 @@ def predict(
         every = [couple(problem, modulus, response) for couple in COUPLINGS.values()]
         contacts = [contact_change(prediction.force, prediction.moment) for prediction in every]
         sensitivity = [_largest(problem, loads, level, modulus, response) for level in PASSIVE_LEVELS]
-    to_frames = resampling(problem.motion.time.numpy(), problem.domain.time)
+    to_frames = _to_frames(problem)
     return Predictions(
         np.stack([to_frames @ prediction.change.numpy() for prediction in every]),
         np.stack([to_frames @ force.numpy() for force, _ in contacts]),
@@ -80,7 +80,13 @@ def _largest(
     motion = joint_motion(loads, problem.domain.joint, (sagittal, frontal_nm_per_deg, axial))
     other = replace(problem, motion=motion)
     every: list[Prediction] = [couple(other, modulus, response) for couple in COUPLINGS.values()]
-    return np.stack([prediction.change.abs().amax(dim=0).numpy() for prediction in every])
+    to_frames = _to_frames(problem)
+    return np.stack([np.abs(to_frames @ prediction.change.numpy()).max(axis=0) for prediction in every])
+
+
+def _to_frames(problem: Problem) -> Float[Array, "frame instant"]:
+    """Weights from the clock of the joint's motion to the frames of the design."""
+    return resampling(problem.motion.time.numpy(), problem.domain.time)
 
 
 def prediction_figures(design: Design, loads: JointLoads, domain: Domain) -> dict[str, Any]:

@@ -42,7 +42,10 @@ class MotionSettings(Section):
     )
     markers: Path | None = Field(default=None, description="C3D or TRC file of the motion")
     forces: Path | None = Field(
-        default=None, description="MOT or STO file of ground reactions; C3D holds its own"
+        default=None, description="MOT, STO or GroundLink (.pth) file of ground reactions; C3D holds its own"
+    )
+    forces_rate_hz: float | None = Field(
+        default=None, gt=0, description="samples per second of a GroundLink file, which does not say it [Hz]"
     )
     static: Path | None = Field(default=None, description="C3D or TRC file of the subject standing still")
     static_forces: Path | None = Field(
@@ -58,7 +61,10 @@ class MotionSettings(Section):
     )
     window: tuple[float, float] | None = Field(default=None, description="part of the recording to use [s]")
     cutoff_hz: float = Field(
-        default=12.0, gt=0, description="low-pass cut-off for markers' motion and forces alike [Hz]"
+        default=12.0,
+        gt=0,
+        description="low-pass cut-off for markers' motion and forces alike [Hz]: 6 for gait and squats, 12 "
+        "for running and mixed motion, 15 to 20 for landings, whose impact a lower one takes away",
     )
     force_threshold_n: float = Field(
         default=20.0, ge=0, description="vertical force below which a foot is unloaded [N]"
@@ -79,8 +85,15 @@ class BiomechSettings(Section):
     model: Path | None = Field(
         default=None, description="your own .osim file; the built-in 41-DoF model if left out"
     )
-    convention: Literal["intersegmental"] = Field(
-        default="intersegmental", description="meaning of the acting force"
+    convention: Literal["intersegmental", "paper_literal"] = Field(
+        default="intersegmental",
+        description="acting force of Eq. 1: muscles counted as their pull on the proximal bone (net force "
+        "across the joint), or on the distal bone as the formula reads literally",
+    )
+    muscle_criterion: Literal["activation_and_contact", "activation"] = Field(
+        default="activation_and_contact",
+        description="what muscle forces minimise: squared activations and squared loads of joint surfaces, "
+        "or squared activations alone as OpenSim's static optimisation",
     )
     knee_regularisation: float = Field(
         default=0.03,

@@ -1,9 +1,10 @@
-"""The biomechanics stage: from a recorded motion to the net loads across knees and ankles.
+"""The biomechanics stage: from a recorded motion to the loads across and inside knees and ankles.
 
-Scale, calibrate and follow (`kinematics`), low-pass the coordinates, then Newton-Euler (`dynamics`). The
-acting force is the net force of the proximal on the distal segment: muscles count as their pull on the
-proximal bone, so that contact force less muscle forces is what the segments below need to move as they do
-against the ground reaction (paper, Eq. 1). It needs no estimate of single muscles.
+Scale, calibrate and follow (`kinematics`), low-pass the coordinates, then Newton-Euler (`dynamics`) for the
+net loads, muscles and contact (`internal_loads`). The acting force is the net force of the proximal on the
+distal segment: muscles count as their pull on the proximal bone, so that contact force less muscle forces is
+what the segments below need to move as they do against the ground reaction (paper, Eq. 1). It needs no
+estimate of single muscles.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from jaxtyping import Float
 from hilbrace.biomech import dynamics
 from hilbrace.biomech.dynamics import GroundReaction, Momenta
 from hilbrace.biomech.engine import Engine, Report
+from hilbrace.biomech.internal_loads import with_muscles
 from hilbrace.biomech.joint_loads import JOINTS, JointLoads, without_muscles
 from hilbrace.biomech.kinematics import Kinematics, follow
 from hilbrace.biomech.model_figures import ModelFigures
@@ -89,7 +91,7 @@ def compute_joint_loads(
     biomech: BiomechSettings,
     progress: Report = silent,
 ) -> JointLoads:
-    """Angles and net loads of knees and ankles, per frame.
+    """Angles, net loads, muscle and contact forces of knees and ankles, per frame.
 
     The model is the built-in one, scaled by the body's factors and mass, or the user's (``biomech.model``);
     see `hilbrace.biomech.subject_model.subject_model`.
@@ -116,8 +118,18 @@ def compute_joint_loads(
         moving = tuple(name for joint in joints for name in joint.coordinates)
         watched = tuple(dict.fromkeys(name for joint in joints for name in joint.below))
         partial = engine.call("partial_velocities", coordinates=smooth, moving=moving, bodies=watched)
-    model = _Moved(figures, poses["rotations"], poses["origins"], moving, watched, partial)
-    return _loads(trial, model, smooth, fitted, said, motion.cutoff_hz, biomech.convention)
+        model = _Moved(figures, poses["rotations"], poses["origins"], moving, watched, partial)
+        loads = _loads(trial, model, smooth, fitted, said, motion.cutoff_hz, biomech.convention)
+        return with_muscles(
+            engine,
+            loads,
+            trial.rate_hz,
+            parts=[joint.below for joint in joints],
+            angles=[joint.coordinates for joint in joints],
+            centres=np.stack([model.joint_centre(joint.distal) for joint in joints], axis=1),
+            reactions={f"calcn_{foot[0]}": _about_ground(trial, foot) for foot in trial.feet},
+            criterion=biomech.muscle_criterion,
+        )
 
 
 class _Moved(NamedTuple):
@@ -211,6 +223,13 @@ def _loads(
 def _ground_reaction(trial: Trial, foot: str) -> GroundReaction:
     k = trial.feet.index(foot)
     return GroundReaction(trial.ground_force[:, k], trial.centre_of_pressure[:, k], trial.free_torque[:, k])
+
+
+def _about_ground(trial: Trial, foot: str) -> Float[Array, "frame 6"]:
+    """Force of the ground on a foot, and its moment about the origin of the ground."""
+    reaction = _ground_reaction(trial, foot)
+    moment = np.cross(reaction.point, reaction.force) + reaction.torque
+    return np.concatenate([reaction.force, moment], axis=1)
 
 
 class _AboutJoint(NamedTuple):

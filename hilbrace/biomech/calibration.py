@@ -27,6 +27,10 @@ SAMPLE_FRAMES = 24
 """Frames of a motion in which markers are placed where nobody stands still."""
 ROUNDS = 6
 """Turns of fitting poses to markers, then placing markers in the poses, without a standing trial."""
+FLAT_WITHIN = np.radians(20.0)
+"""Tilt of a foot beyond which a standing subject is not taken to stand flat [rad]."""
+LEVELLING = 3
+"""Turns of the ankle towards a level foot; its axis is oblique."""
 LEAST_SHARE = 0.2
 """Share of the sampled frames that must show a marker for it to be placed."""
 
@@ -39,7 +43,7 @@ def calibrate(
     The poses come from the landmarks at the model's places; then each marker, landmark or cluster, moves to
     where it was measured in them (as OpenSim's marker placer does), so that what is left of a landmark's
     misfit does not disturb the motion. A standing knee is neutral in adduction and rotation by definition:
-    what its landmarks say otherwise is the shape of the bones.
+    what its landmarks say otherwise is the shape of the bones. Standing feet are flat.
 
     Without a standing trial the same is done in frames spread over the motion, in turns (`ROUNDS`): the
     median of a marker's places over the frames counts, and the knee is neutral on average. Bony landmarks
@@ -74,6 +78,7 @@ def _standing(
     measured = np.array([place[name] for name in landmarks.names])[None]
     landmarks, measured = with_ankle_centres(landmarks, measured, marker_map.landmarks)
     poses, errors = _fit(engine, figures, landmarks, measured, figures.defaults)
+    poses, levelled = _with_flat_feet(engine, figures, poses)
     names = [name for name in marker_map.known() if name in place]
     points = np.array([place[name] for name in names])[None]
     placed = _place(engine, figures, poses, marker_map, names, points)
@@ -81,8 +86,46 @@ def _standing(
     return (
         placed,
         poses[0],
-        (f"standing pose: bony landmarks within {misfit:.1f} mm RMS of the scaled model",),
+        (f"standing pose: bony landmarks within {misfit:.1f} mm RMS of the scaled model", *levelled),
     )
+
+
+def _with_flat_feet(
+    engine: Engine, figures: ModelFigures, poses: Float[Array, "frame coordinate"]
+) -> tuple[Float[Array, "frame coordinate"], list[str]]:
+    """Turn the ankles until the feet are level, as the feet of a standing subject are.
+
+    A marker on the heel sits higher or lower on every shoe, and tilts the foot against the shank by its
+    height over the length of the foot. The floor does not. In the model's neutral pose the sole is level and
+    the calcaneus's anterior axis with it.
+
+    Returns:
+        The poses, and a note about feet that are too steep to stand flat, which are left alone.
+    """
+    levelled, notes = poses.copy(), []
+    for side in "rl":
+        name = f"ankle_angle_{side}"
+        if name not in figures.coordinates:
+            continue
+        column = figures.columns([name])[0]
+        first = _pitch(engine, figures, levelled, side)
+        if np.abs(first).max() > FLAT_WITHIN:
+            notes.append(
+                f"standing pose: the {'right' if side == 'r' else 'left'} foot is tilted by "
+                f"{np.degrees(first[0]):.0f} deg and was not taken for flat"
+            )
+            continue
+        for _ in range(LEVELLING):
+            levelled[:, column] -= _pitch(engine, figures, levelled, side)
+    return levelled, notes
+
+
+def _pitch(
+    engine: Engine, figures: ModelFigures, poses: Float[Array, "frame coordinate"], side: str
+) -> Float[Array, " frame"]:
+    """Angle of a foot's long axis over the level [rad]."""
+    rotations, _ = poses_of(engine, figures, poses, [f"calcn_{side}"])
+    return np.arcsin(np.clip(rotations[:, 0, 1, 0], -1.0, 1.0))
 
 
 def _moving(

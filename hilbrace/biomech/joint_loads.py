@@ -61,7 +61,7 @@ class JointLoads:
         muscle_optimal_length: Optimal length of its fibres [m].
         muscle_slack_length: Slack length of its tendon [m].
         muscle_activation: Activations [-], 0 to 1.
-        muscle_force: Tension of each muscle, active and passive [N].
+        muscle_force: Tension of each muscle [N].
         muscle_arms: Moment about each of a joint's three angles per unit tension [m]; zero for muscles that
             do not cross the joint.
         muscle_pull: Line of action: force on the part below the joint per unit tension [-], distal frame;

@@ -10,6 +10,8 @@ from hilbrace.biomech.analysis import compute_joint_loads
 from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.biomech.loads_csv import write_joint_loads_csv
 from hilbrace.biomech.marker_report import load_bearing, write_marker_errors_csv
+from hilbrace.biomech.muscle_tables import write_muscle_tables
+from hilbrace.biomech.muscles import MOVED
 from hilbrace.body.body import Body
 from hilbrace.body.build import build_body
 from hilbrace.domain.build import build_domain
@@ -98,7 +100,8 @@ def biomech(inputs: Inputs) -> Outcome:
     write_joint_loads_csv(loads, table)
     about, errors = table.with_suffix(".json"), inputs.folder / "marker_errors.csv"
     write_marker_errors_csv(loads.time, loads.marker_names, loads.marker_error, errors)
-    return Outcome(loads, (table, about, errors), {"biomech": _load_figures(loads, braced_joint(inputs))})
+    files = (table, about, errors, *write_muscle_tables(loads, inputs.folder))
+    return Outcome(loads, files, {"biomech": _load_figures(loads, braced_joint(inputs))})
 
 
 def domain(inputs: Inputs) -> Outcome:
@@ -216,10 +219,29 @@ def _load_figures(loads: JointLoads, joint: str) -> dict[str, object]:
         "knee_adduction_range_deg": [_rounded(adduction.min()), _rounded(adduction.max())],
         "knee_rotation_range_deg": [_rounded(rotation.min()), _rounded(rotation.max())],
         "acting_force_peak_bw": _rounded(np.linalg.norm(loads.acting_force[:, index], axis=1).max() / weight),
+        **_muscle_figures(loads, joint),
         "pelvis_residual_rms_n": _rounded(np.sqrt((loads.pelvis_residual_force**2).sum(1).mean())),
         **{name: _rounded(value) for name, value in loads.residuals.items()},
         "cutoff_hz": loads.cutoff_hz,
         "notes": list(loads.notes),
+    }
+
+
+def _muscle_figures(loads: JointLoads, joint: str) -> dict[str, object]:
+    """Peaks of contact and muscles; ``None`` where the model has no muscles."""
+    weight = loads.body_mass_kg * GRAVITY
+    peaks = np.linalg.norm(loads.contact_force, axis=2).max(axis=0) / weight
+    known = {
+        name: _rounded(peak) for name, peak in zip(loads.joints, peaks, strict=True) if np.isfinite(peak)
+    }
+    asked = [k for k, name in enumerate(loads.coordinate_names) if name[:-2] in MOVED]
+    rest = loads.reserve[:, asked]
+    return {
+        "contact_force_peak_bw": known.get(joint),
+        "contact_force_peaks_bw": known,
+        "muscle_activation_max": _rounded(loads.muscle_activation.max()) if loads.muscle_names else None,
+        "muscle_reserve_rms_nm": _rounded(np.sqrt((rest**2).mean())) if loads.muscle_names else None,
+        "muscle_reserve_max_nm": _rounded(np.abs(rest).max()) if loads.muscle_names else None,
     }
 
 

@@ -15,6 +15,7 @@ ROWS = (
     ("biomech", "marker_rms_mm", "marker error, RMS", "mm"),
     ("biomech", "knee_flexion_max_deg", "peak knee flexion", "deg"),
     ("biomech", "acting_force_peak_bw", "peak acting force", "body weights"),
+    ("biomech", "contact_force_peak_bw", "peak contact force", "body weights"),
     ("domain", "triangles", "triangles of the domain", ""),
     ("brace", "stiffness_frontal_nm_per_deg", "brace stiffness, frontal", "N*m/deg"),
     ("brace", "stiffness_frontal_uniform_nm_per_deg", "  uniform design, same volume", "N*m/deg"),

@@ -1,5 +1,7 @@
 """Shell finite elements of the brace: modulus per triangle in, compliance, reactions and stiffness out."""
 
+from hilbrace.shell.boundary import end_loops
+from hilbrace.shell.brace_stiffness import BraceStiffness, brace_stiffness
 from hilbrace.shell.foundation import Foundation, skin
 from hilbrace.shell.geometry import GeometryMode, ShellFamily, cluster_frames, geometry_mode, shell_family
 from hilbrace.shell.loads import LoadPattern, NodalLoads, joint_line_shares
@@ -8,6 +10,7 @@ from hilbrace.shell.pool import SolverPool, open_pool
 from hilbrace.shell.response import (
     FamilyResponse,
     ShellResponse,
+    SkinReaction,
     displacements,
     element_energies,
     family_compliance,
@@ -15,11 +18,13 @@ from hilbrace.shell.response import (
     family_stiffness,
     loop_stiffness,
     shell_response,
+    skin_reaction,
     static_modes,
 )
 from hilbrace.shell.stiffness import joint_stiffness, wrenches_at
 
 __all__ = [
+    "BraceStiffness",
     "FamilyResponse",
     "Foundation",
     "GeometryMode",
@@ -28,11 +33,14 @@ __all__ = [
     "ShellFamily",
     "ShellModel",
     "ShellResponse",
+    "SkinReaction",
     "SolverPool",
+    "brace_stiffness",
     "build_shell",
     "cluster_frames",
     "displacements",
     "element_energies",
+    "end_loops",
     "family_compliance",
     "family_response",
     "family_stiffness",
@@ -46,6 +54,7 @@ __all__ = [
     "shell_family",
     "shell_response",
     "skin",
+    "skin_reaction",
     "static_modes",
     "thicken_shell",
     "wrenches_at",

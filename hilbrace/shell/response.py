@@ -14,6 +14,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from hilbrace.errors import GeometryError
 from hilbrace.shell.autograd import SolvedShell, condense_shells, field_energy
 from hilbrace.shell.element import NODE_DOFS
 from hilbrace.shell.geometry import ShellFamily
@@ -74,6 +75,20 @@ class FamilyResponse:
     reactions: Float[Tensor, "frame 12"]
     loop_stiffness: Float[Tensor, "shape 12 12"]
     shares: tuple[FrameShare, ...]
+
+
+@dataclass(frozen=True)
+class SkinReaction:
+    """What the skin does to the brace while the loops stay where they are.
+
+    Attributes:
+        forces: Force of the skin on each vertex [N].
+        wrenches: Force and moment of the skin of the upper (0:6) and the lower segment (6:12) about the
+            centres of the loops [N, N*mm]: the part of `ShellResponse.reactions` that is not the loops'.
+    """
+
+    forces: Float[Array, "frame vertex 3"]
+    wrenches: Float[Array, "frame 12"]
 
 
 def shell_response(
@@ -203,6 +218,23 @@ def displacements(
     moves = np.zeros((len(shell.vertices) * NODE_DOFS, len(share.frames)))
     moves[shell.numbering.free] = free.numpy()
     return np.ascontiguousarray(moves.reshape(-1, NODE_DOFS, len(share.frames))[:, :3].transpose(2, 0, 1))
+
+
+def skin_reaction(
+    modulus: Float[Array, " triangle"], shell: ShellModel, load: LoadPattern | NodalLoads
+) -> SkinReaction:
+    """How much of the load the skin under the brace takes.
+
+    Raises:
+        GeometryError: The shell lies on no skin.
+    """
+    if shell.ground is None:
+        raise GeometryError(
+            "the shell lies on no skin", where="skin foundation of the shell", hint="lay it on by lay_on_skin"
+        )
+    moves = displacements(modulus, shell, load)
+    forces = -np.einsum("vij,tvj->tvi", shell.ground.springs, moves)
+    return SkinReaction(forces, np.einsum("vim,tvi->tm", shell.ground.limb, forces))
 
 
 def _frames(load: LoadPattern | NodalLoads) -> int:

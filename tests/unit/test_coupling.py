@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from hilbrace.biomech.dynamics import GroundReaction, momenta, net_load
 from hilbrace.config import MaterialSettings, OptimizeSettings, PatternSettings
 from hilbrace.optimize import design
 from hilbrace.optimize.coupling import COUPLINGS, Prediction, brace_spring, contact_change
@@ -140,6 +141,24 @@ def test_contact_feels_the_opposite_of_the_brace():
     np.testing.assert_allclose(turn.numpy(), [[-1.0 + 0.15 * 50.0, 0.0, 0.0]])
     at_centre = contact_change(force, moment)
     np.testing.assert_allclose(at_centre[1].numpy(), [[-1.0, 0.0, 0.0]])
+
+
+def test_the_change_of_contact_is_that_of_newton_and_euler():
+    """The brace as one more force on the segments below, through the dynamics of the biomechanics stage."""
+    random = np.random.default_rng(4)
+    frames = 30
+    rotations = np.broadcast_to(np.eye(3), (frames, 2, 3, 3))
+    origins = np.cumsum(random.standard_normal((frames, 2, 3)), axis=0) * 0.01
+    inertias = np.stack([np.diag([0.1, 0.02, 0.1])] * 2)
+    segments = momenta(rotations, origins, np.array([3.0, 1.0]), np.zeros((2, 3)), inertias, 100.0)
+    centre, point = random.standard_normal((2, frames, 3))
+    ground, brace = (GroundReaction(*random.standard_normal((3, frames, 3))) for _ in range(2))
+    brace = brace._replace(point=point)
+    without = net_load(segments, [0, 1], centre, [ground])
+    braced = net_load(segments, [0, 1], centre, [ground, brace])
+    force, moment = contact_change(*map(torch.from_numpy, (brace.force, brace.torque, point - centre)))
+    np.testing.assert_allclose(force.numpy(), braced.force - without.force, atol=1e-10)
+    np.testing.assert_allclose(moment.numpy(), braced.moment - without.moment, atol=1e-10)
 
 
 def test_both_couplings_and_all_passive_levels_are_predicted(problem: Problem):

@@ -17,13 +17,18 @@ import numpy as np
 from jaxtyping import Float
 
 from hilbrace.errors import ConfigError, SolverError
+from hilbrace.shell import cholmod, pardiso
 from hilbrace.shell.superlu import SuperLU
 from hilbrace.shell.symmetric import Sparsity, check_answer, check_rhs, check_values
 
 Array = np.ndarray
 
-BACKENDS = ("scipy",)
-"""All backends, the preferred first."""
+BACKENDS = ("pardiso", "scipy", "cholespy")
+"""All backends, the preferred first.
+
+On 10 000 triangles a new matrix with 15 (57) right-hand sides takes one core 85 (130) ms by pardiso, 390
+(550) ms by scipy and 450 (580) ms by cholespy.
+"""
 
 
 @runtime_checkable
@@ -59,7 +64,7 @@ class Solver:
         self.sparsity = sparsity
         self._backend = backend
         self._lock = Lock()
-        self._current: Factor | None = None
+        self._made = 0
         self._closed = False
 
     @property
@@ -80,23 +85,22 @@ class Solver:
         with self._lock:
             if self._closed:
                 raise _void("the solver is closed")
-            self._current = None
+            self._made += 1
             self._backend.factor(values)
-            self._current = Factor(self, values)
-            return self._current
+            return Factor(self, self._made, values)
 
-    def solve(self, factor: Factor, rhs: Float[Array, "free column"]) -> Float[Array, "free column"]:
-        """What `Factor.solve` calls: solve if the factor is still the current one."""
+    def solve(self, number: int, rhs: Float[Array, "free column"]) -> Float[Array, "free column"]:
+        """What `Factor.solve` calls: solve with a factor by its number if it is the last one."""
         rhs = check_rhs(self.sparsity, rhs)
         with self._lock:
-            if factor is not self._current:
+            if self._closed or number != self._made:
                 raise _void("the solver is closed" if self._closed else "the factor is out of date")
             return self._backend.solve(rhs)
 
     def close(self) -> None:
         """Give the memory back; the solver and its factor are void from here on."""
         with self._lock:
-            self._closed, self._current = True, None
+            self._closed = True
             self._backend.close()
 
     def __enter__(self) -> Solver:
@@ -109,8 +113,8 @@ class Solver:
 class Factor:
     """A factorised symmetric positive definite matrix; valid until its solver factors again or is closed."""
 
-    def __init__(self, solver: Solver, values: Float[Array, " entry"]) -> None:
-        self._solver, self._values = solver, values
+    def __init__(self, solver: Solver, number: int, values: Float[Array, " entry"]) -> None:
+        self._solver, self._number, self._values = solver, number, values
 
     def solve(self, rhs: Float[Array, "free column"]) -> Float[Array, "free column"]:
         """Solve for all columns at once; columns that lie one after the other in memory save a copy.
@@ -118,14 +122,19 @@ class Factor:
         Raises:
             SolverError: The factor is void, the right-hand sides do not fit, or the answer misses them.
         """
-        answer = self._solver.solve(self, rhs)
+        answer = self._solver.solve(self._number, rhs)
         check_answer(self._solver.sparsity, self._values, rhs, answer)
         return answer
 
 
 def available_backends() -> tuple[str, ...]:
     """Names of the backends that are installed, the preferred first."""
-    return BACKENDS
+    installed = {
+        "pardiso": pardiso.library_file() is not None,
+        "scipy": True,
+        "cholespy": cholmod.is_installed(),
+    }
+    return tuple(name for name in BACKENDS if installed[name])
 
 
 def open_solver(sparsity: Sparsity, backend: str = "auto", threads: int | None = None) -> Solver:
@@ -134,22 +143,27 @@ def open_solver(sparsity: Sparsity, backend: str = "auto", threads: int | None =
     Args:
         sparsity: Where the matrices have entries.
         backend: Name of a backend, or ``auto`` for the first of `available_backends`.
-        threads: Threads inside the solver; as many as the environment allows if left out. Only ``pardiso``
-            has more than one.
+        threads: Most threads inside the solver; as many as the environment allows if left out. Only
+            ``pardiso`` uses more than one, and no more than two; their number does not change a bit.
 
     Raises:
         ConfigError: There is no such backend, it is not installed, or the number of threads is below one.
     """
     if threads is not None and threads < 1:
         raise ConfigError(f"{threads} threads", where="shell solver", hint="give one thread or more")
-    name = available_backends()[0] if backend == "auto" else backend
-    if name not in BACKENDS:
-        raise ConfigError(
-            f"no shell solver is named '{backend}'",
-            where="shell solver",
-            hint=f"choose one of auto, {', '.join(BACKENDS)}",
-        )
-    return Solver(sparsity, SuperLU(sparsity))
+    match available_backends()[0] if backend == "auto" else backend:
+        case "pardiso":
+            return Solver(sparsity, pardiso.Pardiso(sparsity, threads))
+        case "scipy":
+            return Solver(sparsity, SuperLU(sparsity))
+        case "cholespy":
+            return Solver(sparsity, cholmod.Cholmod(sparsity))
+        case unknown:
+            raise ConfigError(
+                f"no shell solver is named '{unknown}'",
+                where="shell solver",
+                hint=f"choose one of auto, {', '.join(BACKENDS)}",
+            )
 
 
 def _void(what: str) -> SolverError:

@@ -67,6 +67,7 @@ class Comparison:
         squared_low: Lower end of its interval [deg^2].
         squared_high: Upper end [deg^2].
         unbiased: Squared difference less what noise adds on average [deg^2]; negative by chance.
+        repeats: Repeats of each condition.
         baseline: Index of the baseline condition.
     """
 
@@ -79,6 +80,7 @@ class Comparison:
     squared_low: Float[Array, "condition event plane"]
     squared_high: Float[Array, "condition event plane"]
     unbiased: Float[Array, "condition event plane"]
+    repeats: Int[Array, " condition"]
     baseline: int
 
     @property
@@ -153,6 +155,7 @@ def compare(found: Estimate, baseline: int, method: Method) -> Comparison:
         squared_low=np.where(around_zero, 0.0, ends[0]),
         squared_high=ends[1],
         unbiased=signed**2 - noise,
+        repeats=found.repeats,
         baseline=baseline,
     )
 

@@ -1,6 +1,8 @@
-"""The command line: ``hilbrace demo | run | show | doctor``.
+"""The command line: ``hilbrace demo | run | show | doctor``, and the commands of other packages.
 
-Only the chosen command's own modules are imported, so that ``--help`` answers at once.
+Only the chosen command's own modules are imported, so that ``--help`` answers at once. A package adds a
+command by an entry point of the group `COMMANDS`: its name is the command's, and it leads to a function that
+gives an argument parser its arguments and its default ``command``.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import json
 import os
 import sys
 from collections.abc import Sequence
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +20,15 @@ from hilbrace import __version__
 from hilbrace.errors import ConfigError, HilbraceError
 
 STAGES = ("motion", "body", "biomech", "domain", "optimize", "pattern", "solid", "report")
+
+COMMANDS = "hilbrace.commands"
+"""Entry-point group of the commands that other packages bring."""
+
+OWN_PACKAGES = {
+    "fabricate": "mold pieces for any brace solid, with proof that they come apart",
+    "evaluate": "joint angles from recorded trials, and the comparison of brace conditions",
+}
+"""Commands of the packages that are installed along with this one."""
 
 DISCLAIMER = "Research software, not a medical device."
 
@@ -30,9 +42,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         0, or the exit code of the named error; 130 when interrupted.
     """
-    options = _parser().parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    options = argparse.Namespace(json="--json" in words)
     _repeatable_arithmetic()
     try:
+        options = _parser(words).parse_args(words)
         return int(options.command(options))
     except HilbraceError as fault:
         if getattr(options, "json", False):
@@ -46,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(words: list[str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="hilbrace",
         description=f"Design soft prophylactic braces from human motion. {DISCLAIMER}",
@@ -87,7 +101,38 @@ def _parser() -> argparse.ArgumentParser:
         commands, "doctor", _doctor, "versions, backends, threads and memory", "hilbrace doctor"
     )
     doctor.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    _add_packages(commands, words[0] if words else "")
     return parser
+
+
+def _add_packages(commands: Any, chosen: str) -> None:
+    """Add the commands of other packages; only the chosen one's package is imported.
+
+    Raises:
+        ConfigError: The chosen command's package is not installed, or does not load.
+    """
+    found: dict[str, EntryPoint] = {point.name: point for point in entry_points(group=COMMANDS)}
+    if chosen in OWN_PACKAGES and chosen not in found:
+        raise ConfigError(
+            f"no installed package brings the command '{chosen}'",
+            where=f"entry points '{COMMANDS}'",
+            hint="install it again; in a checkout: pip install --no-deps --editable .",
+        )
+    for name, point in sorted(found.items()):
+        text = OWN_PACKAGES.get(
+            name, f"command of the package {point.dist.name if point.dist else point.value}"
+        )
+        command = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+        if name == chosen:
+            try:
+                add_arguments = point.load()
+            except (ImportError, AttributeError) as fault:
+                raise ConfigError(
+                    f"the command '{name}' does not load: {fault}",
+                    where=f"entry point {point.value}",
+                    hint="install the package that brings it again",
+                ) from None
+            add_arguments(command)
 
 
 def _command(commands: Any, name: str, action: Any, text: str, example: str) -> argparse.ArgumentParser:

@@ -23,6 +23,9 @@ MARGIN_M = 0.03
 MERGE_SECONDS = 0.05
 """Contacts of a plate that are closer in time than this are one contact."""
 
+NAMED = 3
+"""Most contacts of one plate that a note describes."""
+
 NOBODY = -1
 
 
@@ -31,18 +34,21 @@ def assign_contacts(
     time: Float[Array, " frame"],
     feet: dict[str, Float[Array, "frame marker 3"]],
     given: Mapping[str, str],
+    named: Mapping[str, str] | None = None,
 ) -> tuple[Int[Array, "sample plate"], tuple[str, ...]]:
     """Foot on each plate at each sample.
 
     With ``given`` every plate that carries load must be named there, and a plate under the other foot than
     the one given is refused. Without it every contact goes to the foot whose markers are nearest to the
-    centre of pressure, so that a walker may meet the plates in any order.
+    centre of pressure, so that a walker may meet the plates in any order. What a file calls a plate counts
+    only where the markers do not tell.
 
     Args:
         plates: Loads after `hilbrace.motion.force_plates.unload`.
         time: The markers' instants; contacts outside are left out [s].
         feet: Markers on each foot by ``"right"`` and ``"left"`` [m]; no markers where unknown.
-        given: Foot, or ``"unused"``, by plate name; may be empty.
+        given: Foot, or ``"unused"``, by plate name, as the user says; may be empty.
+        named: Foot by plate name, as the file says (`feet_by_name`).
 
     Returns:
         Index into `FEET` or -1, and what the reader should know.
@@ -54,6 +60,8 @@ def assign_contacts(
     _check_given(plates, given)
     owner = np.full(plates.force.shape[:2], NOBODY)
     stray: dict[str, float] = {}
+    found: dict[str, list[str]] = {}
+    named = named or {}
     nearby = {foot: _with_midpoints(markers) for foot, markers in feet.items()}
     for k, plate in enumerate(plates.names):
         for contact in _contacts(plates, k, time):
@@ -67,23 +75,54 @@ def assign_contacts(
             elif _is_stray(plates, k, contact, distance):
                 foot = NOBODY
                 stray[plate] = max(stray.get(plate, 0.0), float(plates.force[contact, k, UP].max()))
+            elif plate in named and not _is_clear(distance):
+                foot = FEET.index(named[plate])
             else:
                 foot = _nearest(distance, plate, where)
             owner[contact, k] = foot
-    notes = (f"Plate {p} shows up to {n:.0f} N with no foot near it: left out." for p, n in stray.items())
+            if foot != NOBODY:
+                found.setdefault(plate, []).append(_told(plates, k, contact, foot, distance, named))
+    notes = [f"Plate {p}: {'; '.join(_shortened(told))}." for p, told in found.items()]
+    notes += [f"Plate {p} shows up to {n:.0f} N with no foot near it: left out." for p, n in stray.items()]
     return owner, tuple(notes)
 
 
+def _told(
+    plates: PlateForces,
+    k: int,
+    contact: slice,
+    foot: int,
+    distance: Float[Array, " foot"],
+    named: Mapping[str, str],
+) -> str:
+    """Which foot, when, how hard, and how far its markers are from the centre of pressure."""
+    far = "" if np.isnan(distance[foot]) else f", {100 * distance[foot]:.0f} cm from its markers"
+    said = named.get(plates.names[k], FEET[foot])
+    against = "" if said == FEET[foot] else f", though the file says {said}"
+    return (
+        f"{FEET[foot]} foot {plates.time[contact.start]:.2f} to {plates.time[contact.stop - 1]:.2f} s, up to "
+        f"{plates.force[contact, k, UP].max():.0f} N{far}{against}"
+    )
+
+
+def _shortened(told: list[str]) -> list[str]:
+    return told if len(told) <= NAMED else [*told[:NAMED], f"and {len(told) - NAMED} more contacts"]
+
+
+def _is_clear(distance: Float[Array, " foot"]) -> bool:
+    """Whether the markers tell which foot it is."""
+    near, far = np.sort(distance)
+    return bool(near <= REACH_M and not far < near + MARGIN_M)
+
+
 def feet_by_name(plates: PlateForces) -> dict[str, str]:
-    """Feet of plates that are called r, l, right or left; empty if another plate carries load.
+    """Feet of the plates that are called r, l, right or left.
 
     Args:
-        plates: Loads after `hilbrace.motion.force_plates.unload`.
+        plates: Loads of the plates.
     """
     feet = {"r": "right", "right": "right", "l": "left", "left": "left"}
-    found = {plate: feet.get(plate.lower(), "unused") for plate in plates.names}
-    loaded = {plate for k, plate in enumerate(plates.names) if plates.force[:, k, UP].any()}
-    return {} if any(found[plate] == "unused" for plate in loaded) else found
+    return {plate: feet[plate.lower()] for plate in plates.names if plate.lower() in feet}
 
 
 def _check_given(plates: PlateForces, given: Mapping[str, str]) -> None:

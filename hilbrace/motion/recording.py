@@ -74,7 +74,7 @@ def read_recording(
             raise InputError(
                 f"'{forces.suffix}' is no kind of force file",
                 where=str(forces),
-                hint="give a .mot or .sto file",
+                hint="give a .mot or .sto file, or a .pth file of GroundLink",
             )
         recording = replace(recording, plates=read_plate_forces(forces))
     return _upright(recording) if (vertical_axis or ("z" if kind == ".c3d" else "y")) == "z" else recording

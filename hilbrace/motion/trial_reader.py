@@ -11,6 +11,7 @@ from jaxtyping import Float
 from hilbrace.config import MotionSettings, SubjectSettings
 from hilbrace.errors import ConfigError, InputError
 from hilbrace.motion.c3d import C3DReader
+from hilbrace.motion.contact_breaks import check_unbroken
 from hilbrace.motion.foot_contacts import assign_contacts, feet_by_name
 from hilbrace.motion.force_plates import (
     FEET,
@@ -21,6 +22,8 @@ from hilbrace.motion.force_plates import (
     total_vertical,
     unload,
 )
+from hilbrace.motion.groundlink import check_clock, read_groundlink
+from hilbrace.motion.label_checks import check_labels
 from hilbrace.motion.marker_maps import (
     MarkerMap,
     foot_markers,
@@ -45,7 +48,7 @@ SURVEYED_FRAMES = 200
 
 
 def read_trial(motion: MotionSettings, subject: SubjectSettings) -> Trial:
-    """Read a recorded motion: a C3D file, or a TRC file with the ground reactions in a MOT or STO file.
+    """Read a recorded motion: a C3D file, or a TRC file with the ground reactions in another file.
 
     Markers stay as they were recorded, gaps NaN: the same cut-off is applied later to the coordinates that
     are fitted to them. Forces are filtered over the whole recording before it is cut to the window.
@@ -66,11 +69,16 @@ def read_trial(motion: MotionSettings, subject: SubjectSettings) -> Trial:
         )
     marker_map = read_marker_map(motion.marker_map)
     with C3DReader() as reader:
-        recording = read_recording(motion.markers, motion.forces, motion.vertical_axis, reader)
+        tensors = motion.forces is not None and motion.forces.suffix.lower() == ".pth"
+        files = None if tensors else motion.forces
+        recording = read_recording(motion.markers, files, motion.vertical_axis, reader)
+        if tensors:
+            recording = _with_groundlink(recording, motion, subject)
         standing = _read_static(motion, reader)
     where = str(motion.markers)
     known, recording, standing, notes = _measured(marker_map, recording, standing, motion)
     check_markers(recording.markers, known, where)
+    check_labels(recording.markers, known, where)
     if recording.plates is None:
         raise InputError(
             "there are no ground reactions",
@@ -104,6 +112,14 @@ def read_trial(motion: MotionSettings, subject: SubjectSettings) -> Trial:
         notes=(*recording.notes, *notes, *pose.notes, *cut_notes, *foot_notes, *mass_note),
         surveyed_markers=np.zeros((0, 0, 3)) if pose.names else _survey(recording.markers),
     )
+
+
+def _with_groundlink(recording: Recording, motion: MotionSettings, subject: SubjectSettings) -> Recording:
+    """The recording with the ground reactions of a GroundLink file, on the markers' clock."""
+    table = recording.markers
+    plates = read_groundlink(Path(str(motion.forces)), motion.forces_rate_hz, subject.mass_kg)
+    check_clock(plates, table.time, table.rate_hz)
+    return replace(recording, plates=replace(plates, time=plates.time + table.time[0]))
 
 
 def _read_static(motion: MotionSettings, reader: C3DReader) -> Recording | None:
@@ -152,6 +168,7 @@ def _pose(
         except InputError as moving:
             return no_pose(moving.what)
     check_markers(standing.markers, known, str(motion.static))
+    check_labels(standing.markers, known, str(motion.static))
     if standing.plates is not None:
         check_columns(standing.plates, threshold)
     pose = static_pose(standing, held, threshold, str(motion.static))
@@ -218,9 +235,9 @@ def _survey(table: MarkerTable) -> Float[Array, "instant marker 3"]:
 def _feet(
     table: MarkerTable, plates: PlateForces, known: MarkerMap, motion: MotionSettings
 ) -> tuple[FootForces, tuple[str, ...]]:
-    given = dict(motion.plates) or feet_by_name(plates)
     feet = {foot: keep_markers(table, foot_markers(known, foot)).positions for foot in FEET}
-    owner, notes = assign_contacts(plates, table.time, feet, given)
+    owner, notes = assign_contacts(plates, table.time, feet, dict(motion.plates), feet_by_name(plates))
+    check_unbroken(plates, owner, table.time, feet)
     forces = foot_forces(plates, owner, table.time, motion.cutoff_hz, motion.force_threshold_n)
     return forces, notes
 

@@ -224,7 +224,10 @@ def test_plates_find_their_feet():
     load = plates([[0, 300, 0], [0, 400, 0]], [LEFT, RIGHT])
     owner, notes = assign_contacts(load, TIME, feet(), {})
     assert (owner == [1, 0]).all()
-    assert notes == ()
+    assert notes == (
+        "Plate 1: left foot 0.00 to 0.20 s, up to 300 N, 4 cm from its markers.",
+        "Plate 2: right foot 0.00 to 0.20 s, up to 400 N, 4 cm from its markers.",
+    )
 
 
 def test_a_centre_given_by_torque_finds_its_foot():
@@ -285,11 +288,20 @@ def test_plates_that_are_not_there_or_left_out_are_named():
         assign_contacts(load, TIME, feet(), {"1": "right"})
 
 
-def test_names_of_plates_tell_feet_unless_another_plate_is_loaded():
-    load = plates([[0, 300, 0], [0, 400, 0], [0, 0, 0]], [RIGHT, LEFT, LEFT], names=("R", "l", "3"))
-    assert feet_by_name(load) == {"R": "right", "l": "left", "3": "unused"}
-    load.force[:, 2, 1] = 50
-    assert feet_by_name(load) == {}
+def test_names_of_plates_count_only_where_the_markers_do_not_tell():
+    load = plates([[0, 300, 0], [0, 400, 0]], [RIGHT, LEFT], names=("R", "l"))
+    named = feet_by_name(load)
+    assert named == {"R": "right", "l": "left"}
+    owner, notes = assign_contacts(load, TIME, feet(), {}, named)
+    assert owner[0].tolist() == [0, 1]
+    assert "the file says" not in " ".join(notes)
+    swapped, notes = assign_contacts(load, TIME, feet(), {}, {"R": "left", "l": "right"})
+    assert np.array_equal(swapped, owner)
+    assert "right foot" in notes[0]
+    assert "though the file says left" in notes[0]
+    blind = {"right": np.zeros((len(TIME), 0, 3)), "left": np.zeros((len(TIME), 0, 3))}
+    unseen, _ = assign_contacts(load, TIME, blind, {}, {"R": "left", "l": "right"})
+    assert unseen[0].tolist() == [1, 0]
 
 
 def test_hidden_foot_markers_are_stepped_over():

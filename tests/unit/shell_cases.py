@@ -47,9 +47,9 @@ def tube(columns, rows, radius, length, waviness=0.0, window=False):
     return vertices, triangles, upper, lower
 
 
-def bent_frames(vertices, frames, deepest=75.0):
+def bent_frames(vertices, frames, deepest=75.0, width=12.0):
     """The shape in every frame: the part below the origin turns about z, smoothly around the joint."""
-    share = 1 / (1 + np.exp(vertices[:, 1] / 12.0))
+    share = 1 / (1 + np.exp(vertices[:, 1] / width))
     posed = []
     for flexion in np.deg2rad(deepest) * np.sin(np.linspace(0.2, 3.0, frames)):
         cos, sin = np.cos(flexion * share), np.sin(flexion * share)

@@ -71,7 +71,11 @@ def spread_by_condition(result: StudyResult) -> Figure:
 
 
 def signed_differences(result: StudyResult) -> Figure:
-    """Signed difference of every condition with its 95 % interval, by all three methods."""
+    """Signed difference of every condition with its 95 % interval, by all three methods.
+
+    The grey band is the detectable change: of two means in the sagittal plane, of a mean and zero in the
+    frontal one, whose error is smaller by the root of two.
+    """
     names = result.measured.study.names
     figure = Figure(figsize=(10.4, 0.9 + 0.62 * len(names)), layout="constrained")
     marks = {"paper": ("o", INK), "per_trial": ("s", "#2a6f97"), "two_landmark": ("^", "#c8553d")}
@@ -87,11 +91,11 @@ def signed_differences(result: StudyResult) -> Figure:
                 middle, rows, xerr=reach, fmt=mark, color=colour, markersize=4, linewidth=1.1,
                 label=method.replace("_", " ") if column == 0 else None,
             )  # fmt: skip
-        change = result.reliability[column].change_mean_deg
+        change = result.reliability[column].change_mean_deg / (1.0 if plane == SAGITTAL else np.sqrt(2.0))
         if np.isfinite(change):
             axes.axvspan(-change, change, color="#eef1f3", zorder=0)
         axes.axvline(0.0, color=INK, linewidth=0.8)
-        against = "unbraced" if plane == SAGITTAL else "zero"
+        against = result.measured.study.settings.baseline if plane == SAGITTAL else "zero"
         axes.set(title=f"{EVENTS[event]}, {TABLE_PLANES[plane]}", xlabel=f"deg, against {against}")
         _quiet(axes)
     grid[0].set_yticks(range(len(names)), [_wrapped(name) for name in names], fontsize=8)

@@ -84,7 +84,7 @@ def _page(result: StudyResult, inline: dict[str, str]) -> str:
         cross_talk=calibration.cross_talk_deg,
         repeats=f"{min(repeats)}" if min(repeats) == max(repeats) else f"{min(repeats)} to {max(repeats)}",
         trials=len(result.measured.trials),
-        standing=calibration.knee_deg,
+        standing=calibration.knee_deg.round(1) + 0.0,
         knee_width_mm=1000 * calibration.knee_width_m,
         rows=_rows(result),
         columns=[f"{event.capitalize()}, {plane}" for event in EVENTS for plane in TABLE_PLANES],

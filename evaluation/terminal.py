@@ -27,16 +27,19 @@ def print_table(result: StudyResult, folder: Path) -> None:
     settings = result.measured.study.settings
     if settings.synthetic:
         console.print("Synthetic trials: a reproduction of the processing, never of the measurement.")
-    table = Table(title="Squared degrees by the paper's method; signed degrees [95 % interval]", box=None)
+    table = Table(
+        title="Squared degrees by the paper's method; signed degrees and their 95 % interval", box=None
+    )
     table.add_column("condition")
     for event in EVENTS:
         for plane in TABLE_PLANES:
-            table.add_column(f"{event}\n{plane}", justify="right")
+            table.add_column(f"{event}\n{plane}", justify="right", no_wrap=True)
     cells = [cell for cell in table_cells(result) if cell["method"] == "paper"]
     for start in range(0, len(cells), 4):
         row = cells[start : start + 4]
         table.add_row(row[0]["condition"], *(_squared(cell) for cell in row))
-        table.add_row("", *(Text(_signed(cell), style="dim") for cell in row))
+        table.add_row("", *(Text(f"{cell['signed_deg']:+.1f} deg", style="dim") for cell in row))
+        table.add_row("", *(Text(_interval(cell), style="dim") for cell in row))
         if row[0]["published_deg2"] is not None:
             published = (f"paper {cell['published_deg2']:.3f}" for cell in row)
             table.add_row("", *(Text(text, style="dim") for text in published))
@@ -108,7 +111,7 @@ def _squared(cell: dict) -> Text:
     return Text(f"{cell['squared_deg2']:.2f}", style="bold" if cell["best"] else "")
 
 
-def _signed(cell: dict) -> str:
+def _interval(cell: dict) -> str:
     if cell["ci_low_deg"] is None:
-        return f"{cell['signed_deg']:+.1f}"
-    return f"{cell['signed_deg']:+.1f} [{cell['ci_low_deg']:+.1f}, {cell['ci_high_deg']:+.1f}]"
+        return ""
+    return f"[{cell['ci_low_deg']:+.1f}, {cell['ci_high_deg']:+.1f}]"

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.signal import find_peaks
 
 from evaluation.conventions import SAGITTAL
@@ -85,8 +85,11 @@ def find_events(motion: LimbMotion, plates: PlateForces | None, where: str) -> E
     return Events(float(motion.time[bending]), flight[1], float(motion.time[after[0]]), found_by)
 
 
-def flexion_peaks(flexion_deg: Float[Array, " frame"], rate_hz: float) -> np.ndarray:
-    """Frames of the flexion peaks that stand out, in order; gaps hold none.
+def flexion_peaks(flexion_deg: Float[Array, " frame"], rate_hz: float) -> Int[Array, " peak"]:
+    """Frames of the flexion peaks that stand out, in order.
+
+    Gaps are bridged by straight lines, so a peak that a gap cuts off is found at the gap's edge; whoever reads
+    an angle there has to look for the gap (`evaluation.synchronize.has_gap_at_peak`).
 
     Args:
         flexion_deg: Knee flexion, positive [deg].
@@ -98,7 +101,7 @@ def flexion_peaks(flexion_deg: Float[Array, " frame"], rate_hz: float) -> np.nda
     filled = np.interp(np.arange(len(flexion_deg)), np.flatnonzero(known), flexion_deg[known])
     apart = max(1, round(APART_SECONDS * rate_hz))
     peaks, _ = find_peaks(filled, prominence=PROMINENCE_DEG, distance=apart)
-    return peaks[known[peaks]]
+    return peaks
 
 
 def flight_from_plates(plates: PlateForces) -> tuple[float, float] | None:

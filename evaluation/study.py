@@ -171,7 +171,8 @@ def _unknown(key: str, value: str, known: list[str], path: Path) -> ConfigError:
 
 
 def _explain(fault: ValidationError, path: Path) -> ConfigError:
-    first = fault.errors()[0]
+    faults = fault.errors()
+    first = next((entry for entry in faults if entry["type"] == "extra_forbidden"), faults[0])
     key = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
         known = sorted(_keys(StudySettings))

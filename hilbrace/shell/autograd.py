@@ -237,8 +237,9 @@ def _pull_back(
     if wanted[1]:
         by_thickness = modulus * by_stiffness(shell, thickness_slopes(shell), state, weights, adjoint)
     if wanted[2]:
-        moves = by_loads(shell, state, weights, adjoint).reshape(-1, NODE_DOFS, weights.flexibility.shape[0])
-        on_vertices = torch.from_numpy(np.ascontiguousarray(moves[:, :3].transpose(2, 0, 1)))
+        moves = by_loads(shell, state, weights, adjoint)
+        moves = moves.T.reshape(moves.shape[1], len(shell.vertices), NODE_DOFS)
+        on_vertices = torch.from_numpy(np.ascontiguousarray(moves[:, :, :3]))
     return _Gradient(by_modulus, by_thickness, on_vertices)
 
 
@@ -259,10 +260,11 @@ def _total(parts: Sequence[Float[Array, " triangle"] | None]) -> Tensor | None:
 
 
 def _on_dofs(loads: Float[Tensor, "load vertex 3"]) -> Float[Array, "dof load"]:
-    """Forces on the vertices as loads on all degrees of freedom."""
-    out = np.zeros((loads.shape[1], NODE_DOFS, loads.shape[0]))
-    out[:, :3] = loads.detach().numpy().transpose(1, 2, 0)
-    return out.reshape(NODE_DOFS * loads.shape[1], loads.shape[0])
+    """Forces on the vertices as loads on all degrees of freedom, one load after the other in memory."""
+    count, vertices, _ = loads.shape
+    out = np.zeros((count, vertices, NODE_DOFS))
+    out[:, :, :3] = loads.detach().numpy()
+    return out.reshape(count, NODE_DOFS * vertices).T
 
 
 @contextmanager

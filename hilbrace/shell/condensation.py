@@ -90,7 +90,8 @@ def condense(
     Args:
         shell: The shell.
         modulus: Young's modulus of each triangle [MPa].
-        loads: Forces [N] and moments [N*mm] on all degrees of freedom.
+        loads: Forces [N] and moments [N*mm] on all degrees of freedom; fastest with one load after the
+            other in memory.
         modes: 12, or 0 for the loads alone.
         solver: A solver of the shell's sparsity.
 
@@ -98,7 +99,7 @@ def condense(
         SolverError: The stiffness is not positive definite.
     """
     stiffness = stiffness_of(shell, modulus)
-    on_free = loads[shell.numbering.free]
+    on_free = loads.T[:, shell.numbering.free].T
     rhs = np.empty((len(on_free), modes + loads.shape[1]), order="F")
     rhs[:, :modes] = -stiffness.coupling[:, :modes]
     rhs[:, modes:] = on_free

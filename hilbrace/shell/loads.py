@@ -70,11 +70,11 @@ def check_loads(load: LoadPattern | NodalLoads, vertices: int, frames: int) -> N
             where=f"vertex {np.flatnonzero(~np.isfinite(load.shares))[0]} of the load pattern",
             hint="compute the shares by joint_line_shares",
         )
-    finite = torch.isfinite(load.forces.detach()).reshape(frames, -1).all(dim=1)
-    if not finite.all():
+    lost = np.flatnonzero(~np.isfinite(load.forces.detach().numpy()).reshape(frames, -1).all(axis=1))
+    if lost.size:
         raise SolverError(
-            f"the loads of {int((~finite).sum())} frames are not finite",
-            where=f"frame {int((~finite).int().argmax())}",
+            f"the loads of {lost.size} frames are not finite",
+            where=f"frame {lost[0]}",
             hint="check the joint loads of this frame",
         )
 

@@ -59,12 +59,12 @@ class SectionRoots:
 
     Attributes:
         mean: Half the sum of the roots of `membrane` and `bending`, applied to (e11, e22, 2 e12).
-        difference: Half their difference.
+        difference: Half their difference; None where they are the same.
         shear: Root of `shear`.
     """
 
     mean: Float[Array, "3 3 stiffness"]
-    difference: Float[Array, "3 3 stiffness"]
+    difference: Float[Array, "3 3 stiffness"] | None
     shear: Float[Array, "2 2 stiffness"]
 
 
@@ -116,9 +116,21 @@ def section_roots(section: Section) -> SectionRoots:
         GeometryError: A matrix is not symmetric and positive definite; the triangle is named.
     """
     membrane = _root(section.membrane, _MANDEL, "membrane")
-    bending = membrane if section.bending is section.membrane else _root(section.bending, _MANDEL, "bending")
     shear = _root(section.shear, np.ones(2), "transverse shear")
+    if section.bending is section.membrane:
+        return SectionRoots(membrane, None, shear)
+    bending = _root(section.bending, _MANDEL, "bending")
     return SectionRoots(0.5 * (membrane + bending), 0.5 * (membrane - bending), shear)
+
+
+def part_of(roots: SectionRoots, part: slice) -> SectionRoots:
+    """The roots of a part of the elements; those of one section for all serve any part."""
+
+    def chosen(root: Float[Array, "n n stiffness"]) -> Float[Array, "n n chosen"]:
+        return root[..., part] if root.shape[-1] > 1 else root
+
+    difference = None if roots.difference is None else chosen(roots.difference)
+    return SectionRoots(chosen(roots.mean), difference, chosen(roots.shear))
 
 
 def _root(

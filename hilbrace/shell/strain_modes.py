@@ -67,13 +67,13 @@ def geometry_of(
     axes = np.ascontiguousarray(tangents.transpose(3, 1, 2, 0))
     edges = position[1:] - position[0]
     middle = director.mean(axis=0)
-    first = _cross(middle, edges[0])
+    first = cross(middle, edges[0])
     first /= np.sqrt((first**2).sum(axis=0))
-    second = _cross(middle, first)
+    second = cross(middle, first)
     second /= np.sqrt((second**2).sum(axis=0))
     turns = np.empty((3, 4, 2, len(corners)))
-    turns[:, :3] = _cross(axes, director.transpose(1, 0, 2)[:, :, None])
-    turns[:, 3, 0], turns[:, 3, 1] = _cross(first, middle), _cross(second, middle)
+    turns[:, :3] = cross(axes, director.transpose(1, 0, 2)[:, :, None])
+    turns[:, 3, 0], turns[:, 3, 1] = cross(first, middle), cross(second, middle)
     return Geometry(edges, director[1:] - director[0], director, turns)
 
 
@@ -105,7 +105,7 @@ def bubble_slopes(points: Float[Array, "point 2"]) -> tuple[Float[Array, " point
     return 27.0 * s * (1.0 - 2.0 * r - s), 27.0 * r * (1.0 - r - 2.0 * s)
 
 
-def _cross(a: Array, b: Array) -> Array:
+def cross(a: Float[Array, "3 *rest"], b: Float[Array, "3 *other"]) -> Float[Array, "3 *both"]:
     """Cross product along the first axis."""
     return np.stack([a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)])
 

@@ -1,0 +1,124 @@
+"""One measurement in a process of its own: ``python -m tests.bench.measure KIND NAME TRIANGLES``.
+
+Kinds are ``peer`` (name: one of `contestants.peers`), ``own`` (name: task@backend) and ``growth`` (name: a
+backend). The result is one JSON object on standard output. A process for each keeps their memory apart, and
+the threads and libraries of one from slowing another.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+ENOUGH_ROUNDS = 7
+ENOUGH_SECONDS = 8.0
+
+
+def main() -> None:
+    """Measure what the command line names."""
+    kind, name, triangles = sys.argv[1:]
+    measured = {"peer": peer, "own": own_task, "growth": growth}[kind](name, int(triangles))
+    sys.stdout.write(json.dumps(measured) + "\n")
+
+
+def peer(name: str, triangles: int) -> dict[str, Any]:
+    """Time another program."""
+    from tests.bench.contestants import peers
+
+    return _iterate(peers()[name], triangles)
+
+
+def own_task(name: str, triangles: int) -> dict[str, Any]:
+    """Time this package."""
+    from tests.bench.contestants import own
+
+    return _iterate(own(*name.split("@")), triangles)
+
+
+def growth(backend: str, triangles: int) -> dict[str, Any]:
+    """Time a solver's parts and a whole iteration with 45 free loads."""
+    import numpy as np
+
+    from hilbrace.shell import build_shell
+    from hilbrace.shell.solver import open_solver
+    from tests.bench.contestants import own
+    from tests.bench.knee_brace import FRAMES, POISSON, THICKNESS_MM, knee_brace
+
+    brace = knee_brace(triangles)
+    loops = brace.upper_loop, brace.lower_loop
+    start = time.perf_counter()
+    shell = build_shell(brace.vertices, brace.triangles, *loops, THICKNESS_MM, POISSON)
+    build = time.perf_counter() - start
+    values = shell.refill @ brace.modulus
+    rhs = np.asfortranarray(
+        np.random.default_rng(2).standard_normal((len(shell.numbering.free), FRAMES + 12))
+    )
+    with open_solver(shell.numbering.sparsity, backend) as solver:
+        factor = times(lambda: solver.factor(values))
+        current = solver.factor(values)
+        solve = times(lambda: current.solve(rhs))
+    iteration = times(own("loads", backend).start(brace))
+    return {
+        "triangles": len(brace.triangles),
+        "unknowns": len(shell.numbering.free),
+        "build_s": build,
+        "factor_s": statistics.median(factor),
+        "solve_s": statistics.median(solve),
+        "iteration_s": statistics.median(iteration),
+        "peak_memory_mib": peak_memory_mib(),
+    }
+
+
+def times(iteration: Callable[[], Any]) -> list[float]:
+    """Seconds of several calls. The first is left out unless it takes so long that warming up is nothing."""
+    seconds: list[float] = []
+    warm = False
+    while not seconds or (len(seconds) < ENOUGH_ROUNDS and sum(seconds) < ENOUGH_SECONDS):
+        start = time.perf_counter()
+        iteration()
+        passed = time.perf_counter() - start
+        if warm or passed > ENOUGH_SECONDS:
+            seconds.append(passed)
+        warm = True
+    return seconds
+
+
+def peak_memory_mib() -> float:
+    """Largest resident set of this process so far (Linux)."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith("VmHWM"):
+            return int(line.split()[1]) / 1024
+    return float("nan")
+
+
+def _iterate(contestant: Any, triangles: int) -> dict[str, Any]:
+    from tests.bench.knee_brace import FRAMES, knee_brace
+
+    brace = knee_brace(triangles)
+    imported = peak_memory_mib()
+    start = time.perf_counter()
+    iteration = contestant.start(brace)
+    prepare = time.perf_counter() - start
+    answers: list[Any] = []
+    seconds = times(lambda: answers.append(iteration()))
+    return {
+        "label": contestant.label,
+        "triangles": len(brace.triangles),
+        "frames_measured": contestant.frames,
+        "rounds": len(seconds),
+        "prepare_s": prepare,
+        "seconds": seconds,
+        "iteration_s": statistics.median(seconds) * FRAMES / contestant.frames,
+        "compliance": answers[-1].compliance.tolist(),
+        "imported_memory_mib": imported,
+        "peak_memory_mib": peak_memory_mib(),
+    }
+
+
+if __name__ == "__main__":
+    main()

@@ -95,11 +95,17 @@ class BiomechSettings(Section):
         description="what muscle forces minimise: squared activations and squared loads of joint surfaces, "
         "or squared activations alone as OpenSim's static optimisation",
     )
+    kneecap: Literal["lever", "pulley"] = Field(
+        default="lever",
+        description="how the quadriceps' tension reaches the tibia: by the balance of the tibia over the "
+        "kneecap, or unchanged as in OpenSim's joint reaction analysis",
+    )
     knee_regularisation: float = Field(
         default=0.03,
         ge=0,
         description="inverse-kinematics weight that holds knee adduction and rotation near zero against skin "
-        "motion; the default weighs about as much as the markers of a leg, 0 believes the markers",
+        "motion; the default weighs about as much as the markers of a leg, 0 believes the markers; it fades "
+        "where the markers fit better than markers on skin",
     )
 
 

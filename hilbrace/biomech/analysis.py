@@ -128,7 +128,7 @@ def compute_joint_loads(
             angles=[joint.coordinates for joint in joints],
             centres=np.stack([model.joint_centre(joint.distal) for joint in joints], axis=1),
             reactions={f"calcn_{foot[0]}": _about_ground(trial, foot) for foot in trial.feet},
-            criterion=biomech.muscle_criterion,
+            settings=biomech,
         )
 
 

@@ -20,6 +20,9 @@ COMPARTMENTS_M = 0.045
 
 UP, ANTERIOR = 1, 0
 NO_PULL = 1e-9
+SAME_ARM_M = 1e-5
+LARGEST_SHARE = 1.5
+"""Bound of the ligament's over the quadriceps' tension [-]; measured shares are 0.5 to 1.3."""
 
 
 class Crossing(NamedTuple):
@@ -51,6 +54,39 @@ def crossing(
     crosses = np.abs(pulls).max(axis=(0, 2), initial=0.0) > NO_PULL
     masked = np.where(crosses[None, :, None], 1.0, 0.0)
     return Crossing(masked * (force @ rotation), masked * (moment @ rotation))
+
+
+def through_kneecap(
+    across: Crossing,
+    flexion: Float[Array, "frame 6"],
+    arms: Float[Array, "frame muscle"],
+) -> Crossing:
+    """Let the quadriceps pull on the tibia by the patellar ligament, whose tension is not their own.
+
+    A path that runs over the kneecap pulls on the tibia at its last stretch, the ligament, with an arm of 36
+    to 50 mm. Its moment arm about knee flexion is shorter, since the kneecap moves too: 42 mm at 20 deg, 20
+    mm at 100 deg. The kneecap is a lever, not a pulley: the ligament carries less than the quadriceps, most
+    of all in deep flexion (van Eijden et al. 1986, J. Biomech. 19:219; Yamaguchi & Zajac 1989, J. Biomech.
+    22:1). Here its tension follows from the balance of the tibia, on which only the ligament acts for them:
+    moment arm over the ligament's own arm, times the quadriceps' tension. With the same tension on both
+    sides, as OpenSim's joint reaction analysis has it, the moment about the flexion axis would be off by what
+    the model's coupler between knee and kneecap supplies.
+
+    Args:
+        across: Muscles' pull on the part below the knee, tension the same all along the path.
+        flexion: Velocity of the joint's centre [m] and turn [-] of the tibia per unit speed of knee flexion,
+            in its frame.
+        arms: Moment arms about knee flexion [m].
+
+    Returns:
+        The same, with the pull of muscles that run over the kneecap scaled.
+    """
+    below = np.einsum("fmi,fi->fm", across.pull, flexion[:, :3])
+    below += np.einsum("fmi,fi->fm", across.turn, flexion[:, 3:])
+    over = (np.abs(arms - below).max(axis=0, initial=0.0) > SAME_ARM_M) & np.any(across.pull, axis=(0, 2))
+    share = np.where(over, arms, 1.0) / np.where(over, below, 1.0)
+    share = np.clip(share, 0.0, LARGEST_SHARE)[..., None]
+    return Crossing(share * across.pull, share * across.turn)
 
 
 def compartments(

@@ -16,6 +16,7 @@ from hilbrace.biomech.dynamics import time_derivative
 from hilbrace.biomech.engine import Engine
 from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.biomech.muscles import MuscleFigures, balanced_coordinates, recruit
+from hilbrace.config import BiomechSettings
 from hilbrace.errors import InputError
 from hilbrace.units import DEG
 
@@ -36,7 +37,7 @@ def with_muscles(
     angles: Sequence[Sequence[str]],
     centres: Float[Array, "frame joint 3"],
     reactions: Mapping[str, Float[Array, "frame 6"]],
-    criterion: str,
+    settings: BiomechSettings,
 ) -> JointLoads:
     """Add muscle and contact forces to the net loads of a motion.
 
@@ -48,7 +49,7 @@ def with_muscles(
         angles: Coordinates of each joint.
         centres: Centre of each joint in the ground [m].
         reactions: Force of the ground [N] and moment about the origin of the ground [N*m], by body.
-        criterion: See `hilbrace.config.BiomechSettings.muscle_criterion`.
+        settings: What muscle forces minimise, and how kneecaps transmit force.
 
     Returns:
         The record with the fields of muscles and contact filled, and the acting force by its convention.
@@ -72,15 +73,17 @@ def with_muscles(
         contact.crossing(paths["pulls"][:, k], loads.distal_rotation[:, k], centres[:, k])
         for k in range(len(loads.joints))
     ]
+    if settings.kneecap == "lever":
+        across = _through_kneecaps(loads, across, paths["arms"], rows)
     crossed = [bool(np.any(part.pull)) for part in across]
     _check_literal(loads, crossed)
     surfaces = {
         joint: (across[k], loads.acting_force[:, k], loads.acting_moment[:, k])
         for k, joint in enumerate(loads.joints)
-        if criterion == "activation_and_contact" and crossed[k]
+        if settings.muscle_criterion == "activation_and_contact" and crossed[k]
     }
     columns = [loads.coordinate_names.index(name) for name in rows]
-    found = recruit(paths["capacity"], paths["arms"], moments[:, columns], rows, surfaces, figures.max_force)
+    found = recruit(paths["capacity"], paths["arms"], moments[:, columns], rows, surfaces, figures)
     reserve = moments.copy()
     reserve[:, columns] -= np.einsum("frm,fm->fr", paths["arms"], found.tension)
     arms = _arms_of_joints(paths["arms"], rows, angles)
@@ -102,6 +105,21 @@ def with_muscles(
         **_contact_fields(loads, across, crossed, found.tension),
         notes=(*loads.notes, *_notes(loads, figures, crossed, locked)),
     )
+
+
+def _through_kneecaps(
+    loads: JointLoads,
+    across: Sequence[Crossing],
+    arms: Float[Array, "frame row muscle"],
+    rows: Sequence[str],
+) -> list[Crossing]:
+    result = list(across)
+    for k, joint in enumerate(loads.joints):
+        name = f"knee_angle_{joint[-1]}"
+        if joint.startswith("knee") and name in rows:
+            flexion = loads.distal_jacobian[:, k, :, 0]
+            result[k] = contact.through_kneecap(across[k], flexion, arms[:, rows.index(name)])
+    return result
 
 
 def _check_literal(loads: JointLoads, crossed: Sequence[bool]) -> None:

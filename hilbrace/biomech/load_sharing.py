@@ -27,7 +27,7 @@ class Shares(NamedTuple):
     """How a demand is met.
 
     Attributes:
-        activation: Activations, 0 to 1 [-].
+        activation: Activations, from the least to 1 [-].
         rest: What is left of each demand for its reserve or surface [unit of the row].
         steps: Newton steps taken.
     """
@@ -38,9 +38,9 @@ class Shares(NamedTuple):
 
 
 class _Point(NamedTuple):
-    """Activations, their distance to 1 (kept apart, for its digits), and multipliers of both bounds."""
+    """Activations above their least, their distance to 1, and multipliers of both bounds."""
 
-    a: Float[Array, "frame muscle"]
+    above: Float[Array, "frame muscle"]
     room: Float[Array, "frame muscle"]
     low: Float[Array, "frame muscle"]
     high: Float[Array, "frame muscle"]
@@ -50,10 +50,11 @@ def share_load(
     effect: Float[Array, "frame row muscle"],
     demand: Float[Array, "frame row"],
     strength: Float[Array, " row"],
+    least: Float[Array, " muscle"],
 ) -> Shares:
     """Least sum of squared activations, and of squared rests by the strengths of their rows.
 
-    For every frame, minimise ``sum_m a_m^2 + sum_r (rest_r / strength_r)^2`` over ``0 <= a <= 1`` with
+    For every frame, minimise ``sum_m a_m^2 + sum_r (rest_r / strength_r)^2`` over ``least <= a <= 1`` with
     ``rest = demand - effect a``. A row is the moment about a coordinate with its reserve, whose strength is
     the reserve's optimal force (OpenSim's static optimisation with coordinate actuators is this programme),
     or the load on a joint surface, which takes what the muscles press on it.
@@ -65,6 +66,7 @@ def share_load(
         effect: What each muscle adds to each row at full activation [unit of the row].
         demand: What each row demands [unit of the row].
         strength: Strength of each row's reserve or surface, positive [unit of the row].
+        least: Least activation of each muscle, below 1 [-].
 
     Raises:
         SolverError: A frame does not converge, or the input is not finite.
@@ -76,17 +78,17 @@ def share_load(
             hint="look for gaps in forces or markers, or leave the frames out with motion.window",
         )
     rows, wanted = effect / strength[:, None], demand / strength
-    activation = np.zeros((effect.shape[0], effect.shape[2]))
+    above = np.zeros((effect.shape[0], effect.shape[2]))
     active, steps = np.arange(len(demand)), 0
-    half = np.full_like(activation, 0.5)
-    start = np.abs(_slope(rows, wanted, half)).max(axis=1, initial=1.0)
-    bounds = np.broadcast_to(start[:, None], activation.shape)
+    half = np.broadcast_to(0.5 * (1.0 - least), above.shape)
+    start = np.abs(_slope(rows, wanted, least + half)).max(axis=1, initial=1.0)
+    bounds = np.broadcast_to(start[:, None], above.shape)
     point = _Point(half, half, bounds, bounds)
     while len(active) and effect.shape[2]:
-        slope = _slope(rows, wanted, point.a) - point.low + point.high
-        gap = 0.5 * (point.a * point.low + point.room * point.high).mean(axis=1)
+        slope = _slope(rows, wanted, least + point.above) - point.low + point.high
+        gap = 0.5 * (point.above * point.low + point.room * point.high).mean(axis=1)
         done = (gap < GAP) & (np.abs(slope).max(axis=1) < SLOPE * start)
-        activation[active[done]] = point.a[done]
+        above[active[done]] = point.above[done]
         keep = ~done
         active, rows, wanted, start = active[keep], rows[keep], wanted[keep], start[keep]
         point = _Point(*(part[keep] for part in point))
@@ -99,7 +101,7 @@ def share_load(
                 hint="look for implausible moments there: swapped plates or markers",
             )
         point, steps = _advance(rows, point, slope[keep], gap[keep]), steps + 1
-    activation = np.clip(activation, 0.0, 1.0)
+    activation = np.clip(least + above, least, 1.0)
     return Shares(activation, demand - np.einsum("frm,fm->fr", effect, activation), steps)
 
 
@@ -120,26 +122,26 @@ def _advance(
     gap: Float[Array, " frame"],
 ) -> _Point:
     """One step: predict how far the bounds allow, then aim at the centre and correct for curvature."""
-    a, room, low, high = point
-    spring = 1.0 / (1.0 + low / a + high / room)
+    above, room, low, high = point
+    spring = 1.0 / (1.0 + low / above + high / room)
     soft = rows * spring[:, None]
     system = np.linalg.inv(np.matmul(soft, np.swapaxes(rows, 1, 2)) + np.eye(rows.shape[1]))
 
     def solve(off_low: Array, off_high: Array) -> _Point:
         """Newton's step; the offsets are what the products of distance and multiplier shall change by."""
-        pull = spring * (-slope + off_low / a - off_high / room)
+        pull = spring * (-slope + off_low / above - off_high / room)
         inner = np.matmul(system, np.matmul(rows, pull[..., None]))
         step = pull - np.matmul(np.swapaxes(soft, 1, 2), inner)[..., 0]
-        return _Point(step, -step, (off_low - low * step) / a, (off_high + high * step) / room)
+        return _Point(step, -step, (off_low - low * step) / above, (off_high + high * step) / room)
 
-    ahead = solve(-low * a, -high * room)
+    ahead = solve(-low * above, -high * room)
     reach = _reach(point, ahead)[:, None]
-    after = (a + reach * ahead.a) * (low + reach * ahead.low)
-    after = after + (room - reach * ahead.a) * (high + reach * ahead.high)
+    after = (above + reach * ahead.above) * (low + reach * ahead.low)
+    after = after + (room + reach * ahead.room) * (high + reach * ahead.high)
     centre = ((0.5 * after.mean(axis=1) / gap) ** 3 * gap)[:, None]
     step = solve(
-        centre - low * a - ahead.a * ahead.low,
-        centre - high * room + ahead.a * ahead.high,
+        centre - low * above - ahead.above * ahead.low,
+        centre - high * room - ahead.room * ahead.high,
     )
     reach = TO_BOUND * _reach(point, step)[:, None]
     return _Point(*(value + reach * change for value, change in zip(point, step, strict=True)))

@@ -44,19 +44,21 @@ class MuscleFigures(NamedTuple):
         max_force: Greatest isometric force [N].
         optimal_length: Optimal length of the fibres [m].
         slack_length: Slack length of the tendon [m].
+        least_activation: Activation that a muscle at rest has [-], 0.01 in models of the Rajagopal family.
     """
 
     names: tuple[str, ...]
     max_force: Float[Array, " muscle"]
     optimal_length: Float[Array, " muscle"]
     slack_length: Float[Array, " muscle"]
+    least_activation: Float[Array, " muscle"]
 
 
 class Recruitment(NamedTuple):
     """Muscle forces over a motion.
 
     Attributes:
-        activation: Activations [-], 0 to 1.
+        activation: Activations [-], from the least to 1.
         tension: Force of each muscle along its tendon [N].
         balanced: Coordinates whose moments the muscles were asked for.
         steps: Newton steps of the solver.
@@ -92,7 +94,7 @@ def recruit(
     moments: Float[Array, "frame row"],
     rows: tuple[str, ...],
     surfaces: Mapping[str, tuple[Crossing, Float[Array, "frame 3"], Float[Array, "frame 3"]]],
-    strengths: Float[Array, " muscle"],
+    figures: MuscleFigures,
 ) -> Recruitment:
     """Find the muscle forces that supply the moments of a motion.
 
@@ -103,7 +105,7 @@ def recruit(
         rows: Names of the coordinates.
         surfaces: By joint, the muscles' pull, and the net force [N] and moment [N*m] across the joint, whose
             surfaces count in the criterion; empty for the sum of squared activations alone.
-        strengths: Greatest isometric force of each muscle [N].
+        figures: Strengths and least activations of the muscles.
 
     Raises:
         SolverError: The programme does not converge.
@@ -118,10 +120,15 @@ def recruit(
         pressed = surface_loads(across.pull, across.turn, joint)
         needed = surface_loads(force, moment, joint)
         crossing = np.abs(across.pull).max(axis=(0, 2), initial=0.0) > 0.0
-        strength += [float(strengths[crossing].mean())] * len(needed)
+        strength += [float(figures.max_force[crossing].mean())] * len(needed)
         effect.append(np.stack([load * capacity for load in pressed], axis=1))
         demand.append(np.stack(needed, axis=1))
-    shares = share_load(np.concatenate(effect, axis=1), np.concatenate(demand, axis=1), np.array(strength))
+    shares = share_load(
+        np.concatenate(effect, axis=1),
+        np.concatenate(demand, axis=1),
+        np.array(strength),
+        figures.least_activation,
+    )
     return Recruitment(
         shares.activation, shares.activation * capacity, tuple(rows[k] for k in kept), shares.steps
     )

@@ -63,6 +63,7 @@ class MuscleTasks(HeldModel):
             "max_force": np.array([muscle.getMaxIsometricForce() for muscle in muscles]),
             "optimal_length": np.array([muscle.getOptimalFiberLength() for muscle in muscles]),
             "slack_length": np.array([muscle.getTendonSlackLength() for muscle in muscles]),
+            "least_activation": np.array([muscle.getMinControl() for muscle in muscles]),
         }
 
     def muscle_paths(

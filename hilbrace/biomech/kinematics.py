@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -36,6 +37,16 @@ SUPPORT_M2 = 1e-3
 """Stiffness by markers [m^2] below which a coordinate counts as unseen: 0.1 rad move them 3 mm in all."""
 LONGEST_GAP_S = 0.1
 """Longest stretch over which an unseen leg is interpolated [s]."""
+SKIN_M = 0.005
+"""RMS residual of the legs' markers below which they do not behave like markers on skin [m].
+
+Skin moves by 10 to 30 mm on thighs and by up to 15 mm on shanks (Leardini, Chiari, Della Croce & Cappozzo,
+"Human movement analysis using stereophotogrammetry, part 3", Gait Posture 21, 2005); recorded walks, squats
+and landings leave 5 to 13 mm.
+"""
+PROBED_FRAMES = 16
+"""About as many frames tell how well the markers fit when nothing is held."""
+_LEG_BODIES = ("femur", "tibia", "talus", "calcn", "toes")
 FOOT_MARKERS = 3
 """Markers on a foot that make its inversion visible."""
 
@@ -76,8 +87,9 @@ def follow(
         trial: The motion.
         markers: Markers on the model.
         start: Pose near the first frame's, up to place and heading [rad or m].
-        knee_hold: Stiffness that holds knee adduction and rotation near zero, and so the inversion of a foot
-            with fewer than `FOOT_MARKERS` markers [m^2].
+        knee_hold: Stiffness that holds knee adduction and rotation near zero against the motion of skin, and
+            so the inversion of a foot with fewer than `FOOT_MARKERS` markers [m^2]. It fades where the
+            markers fit better than skin ever lets them (`SKIN_M`).
         progress: Called with (done, total) frames.
 
     Raises:
@@ -97,22 +109,19 @@ def follow(
             hint="start later with motion.window",
         )
     visible = tracked.of(tracked.names[k] for k in first)
-    fixed, held = fixed_coordinates(figures, tracked), dict.fromkeys(KNEE_FRONTAL, knee_hold)
-    held |= dict.fromkeys((name for name in fixed if name.startswith("subtalar_angle")), knee_hold)
-    fitted = engine.call(
-        "inverse_kinematics",
-        progress=progress,
-        bodies=tracked.bodies,
-        locations=tracked.locations,
-        weights=tracked.weights,
-        measured=measured,
-        start=facing(engine, figures, visible, measured[0, first], start),
-        fixed=tuple(name for name in fixed if name not in held),
-        held=held,
-    )
+    fixed = fixed_coordinates(figures, tracked)
+    softened = (*KNEE_FRONTAL, *(name for name in fixed if name.startswith("subtalar_angle")))
+    start = facing(engine, figures, visible, measured[0, first], start)
+    every = max(1, len(measured) // PROBED_FRAMES)
+    probe = _fit(engine, tracked, measured[::every], start, fixed, {})
+    share = _share_of_skin(probe["errors"], tracked)
+    held = dict.fromkeys(softened, knee_hold * share)
+    free = tuple(name for name in fixed if name not in held)
+    fitted = _fit(engine, tracked, measured, start, free, held, progress)
     coordinates, bridged = _bridge(fitted["coordinates"], fitted["support"], figures, trial)
     notes = [
         *bridged,
+        *_faded(share, knee_hold),
         *_listed(
             "recorded markers without a place on the model, not used", set(present) - set(markers.names)
         ),
@@ -123,6 +132,52 @@ def follow(
         marker_report(tracked.names, errors), load_bearing(tracked.names, tracked.bodies, errors), trial.time
     )
     return Kinematics(coordinates, tracked.names, tracked.bodies, errors, tuple(notes))
+
+
+def _fit(
+    engine: Engine,
+    markers: PlacedMarkers,
+    measured: Float[Array, "frame marker 3"],
+    start: Float[Array, " coordinate"],
+    fixed: tuple[str, ...],
+    held: dict[str, float],
+    progress: Report | None = None,
+) -> dict[str, Any]:
+    return engine.call(
+        "inverse_kinematics",
+        progress=progress,
+        bodies=markers.bodies,
+        locations=markers.locations,
+        weights=markers.weights,
+        measured=measured,
+        start=start,
+        fixed=fixed,
+        held=held,
+    )
+
+
+def _share_of_skin(errors: Float[Array, "frame marker"], markers: PlacedMarkers) -> float:
+    """How much of the hold applies, from the residuals of the legs' markers when nothing is held [-].
+
+    A hold of stiffness h stands for a normal prior of spread tau on the coordinate and an error sigma of the
+    markers, h = (sigma / tau)^2. Markers on skin leave at least `SKIN_M`; what they hide in the rigid part
+    of their motion cannot be seen in residuals, so that larger ones do not raise the hold. Markers that fit
+    much better sit on no skin (pins, phantoms, simulations), and are believed.
+    """
+    legs = [k for k, body in enumerate(markers.bodies) if body.startswith(_LEG_BODIES)]
+    known = errors[:, legs][np.isfinite(errors[:, legs])]
+    if not len(known):
+        return 1.0
+    return float(min(1.0, (known**2).mean() / SKIN_M**2))
+
+
+def _faded(share: float, knee_hold: float) -> list[str]:
+    if share == 1.0 or knee_hold == 0.0:
+        return []
+    return [
+        f"the legs' markers fit better than markers on skin: knee adduction and rotation are held with "
+        f"{100 * share:.2g} % of biomech.knee_regularisation"
+    ]
 
 
 def own_markers(figures: ModelFigures) -> tuple[PlacedMarkers, Float[Array, " coordinate"]]:

@@ -15,8 +15,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-ENOUGH_ROUNDS = 7
-ENOUGH_SECONDS = 8.0
+LONG_S = 8.0
+"""A first call that takes longer counts: warming up is nothing beside it [s]."""
 
 
 def main() -> None:
@@ -59,9 +59,9 @@ def growth(backend: str, triangles: int) -> dict[str, Any]:
         np.random.default_rng(2).standard_normal((len(shell.numbering.free), FRAMES + 12))
     )
     with open_solver(shell.numbering.sparsity, backend) as solver:
-        factor = times(lambda: solver.factor(values))
-        current = solver.factor(values)
-        solve = times(lambda: current.solve(rhs))
+        factors: list[Any] = []
+        factor = times(lambda: factors.append(solver.factor(values)))
+        solve = times(lambda: factors[-1].solve(rhs))
     iteration = times(own("loads", backend).start(brace))
     return {
         "triangles": len(brace.triangles),
@@ -75,17 +75,23 @@ def growth(backend: str, triangles: int) -> dict[str, Any]:
 
 
 def times(iteration: Callable[[], Any]) -> list[float]:
-    """Seconds of several calls. The first is left out unless it takes so long that warming up is nothing."""
-    seconds: list[float] = []
-    warm = False
-    while not seconds or (len(seconds) < ENOUGH_ROUNDS and sum(seconds) < ENOUGH_SECONDS):
-        start = time.perf_counter()
-        iteration()
-        passed = time.perf_counter() - start
-        if warm or passed > ENOUGH_SECONDS:
-            seconds.append(passed)
-        warm = True
+    """Seconds of up to five calls after the first, which warms up."""
+    first = _seconds(iteration)
+    seconds = [first] if first > LONG_S else [_seconds(iteration)]
+    while not _enough(seconds):
+        seconds.append(_seconds(iteration))
     return seconds
+
+
+def _enough(seconds: list[float]) -> bool:
+    rounds, total = len(seconds), sum(seconds)
+    return rounds >= 5 or total > LONG_S or (rounds >= 3 and total > LONG_S / 2)
+
+
+def _seconds(iteration: Callable[[], Any]) -> float:
+    start = time.perf_counter()
+    iteration()
+    return time.perf_counter() - start
 
 
 def peak_memory_mib() -> float:

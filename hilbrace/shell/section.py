@@ -109,6 +109,33 @@ def orthotropic(
     return Section(membrane, membrane if bending is None else bending, shear, directions)
 
 
+def map_directions(
+    corners: Float[Array, "triangle 3 3"], corner_uv: Float[Array, "triangle 3 2"]
+) -> Float[Array, "triangle 3"]:
+    """Directions on the surface in which u grows and v stays: axis 1 of a microstructure laid along the map.
+
+    Args:
+        corners: Corner positions of each triangle, at rest or posed [mm].
+        corner_uv: The flat map at the same corners.
+
+    Returns:
+        Change of position per u [mm].
+
+    Raises:
+        GeometryError: A triangle has no area in the map.
+    """
+    edges, flat = corners[:, 1:] - corners[:, :1], corner_uv[:, 1:] - corner_uv[:, :1]
+    area = flat[:, 0, 0] * flat[:, 1, 1] - flat[:, 0, 1] * flat[:, 1, 0]
+    lost = np.flatnonzero(~(np.abs(area) > 1e-12 * (flat**2).sum(axis=(1, 2))))
+    if lost.size:
+        raise GeometryError(
+            f"{lost.size} triangles have no area in the flat map, so that nothing says where u grows",
+            where=f"triangle {lost[0]} of the shell",
+            hint="flatten the surface anew",
+        )
+    return (edges[:, 0] * flat[:, 1, 1, None] - edges[:, 1] * flat[:, 0, 1, None]) / area[:, None]
+
+
 def section_roots(section: Section) -> SectionRoots:
     """Square roots of the matrices of a section.
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hilbrace.errors import GeometryError
 from hilbrace.shell.directors import nodal_directors, tangent_basis
 from hilbrace.shell.element import element_stiffness, element_stiffness_and_slope
-from hilbrace.shell.section import Section, isotropic, orthotropic, section_roots
+from hilbrace.shell.section import Section, isotropic, map_directions, orthotropic, section_roots
 from tests.unit.shell_benchmarks import TURN_X, TURN_Y, TURN_Z, Problem, X, Y, Z
 from tests.unit.shell_cases import grid, tube
 
@@ -252,6 +252,26 @@ def test_slope_by_thickness_matches_finite_differences(kind):
         weight * (at(1 + k * step) - at(1 - k * step)) for k, weight in enumerate(weights, start=1)
     ) / (step * thickness[:, None, None])
     np.testing.assert_allclose(slope, measured, atol=2e-12 * np.abs(slope).max())
+
+
+# --- axes along the flat map
+
+
+@given(st.integers(0, 1000))
+def test_axis_one_is_where_u_grows_and_v_stays(seed):
+    rng = np.random.default_rng(seed)
+    flat = np.array([[0, 0], [1, 0], [0.3, 0.8]]) + rng.uniform(-0.2, 0.2, (5, 3, 2))
+    jacobian = rng.standard_normal((5, 3, 2))
+    corners = np.einsum("txk,tik->tix", jacobian, flat) + rng.standard_normal((5, 1, 3))
+    ours = map_directions(corners, flat)
+    np.testing.assert_allclose(ours, jacobian[:, :, 0], atol=1e-12)
+
+
+def test_triangle_without_area_in_the_map_is_named():
+    flat = np.random.default_rng(0).standard_normal((5, 3, 2))
+    flat[3, 2] = 2 * flat[3, 1] - flat[3, 0]
+    with pytest.raises(GeometryError, match="triangle 3 of"):
+        map_directions(np.ones((5, 3, 3)), flat)
 
 
 # --- what makes no section

@@ -88,8 +88,8 @@ def find_events(motion: LimbMotion, plates: PlateForces | None, where: str) -> E
 def flexion_peaks(flexion_deg: Float[Array, " frame"], rate_hz: float) -> Int[Array, " peak"]:
     """Frames of the flexion peaks that stand out, in order.
 
-    Gaps are bridged by straight lines, so a peak that a gap cuts off is found at the gap's edge; whoever reads
-    an angle there has to look for the gap (`evaluation.synchronize.has_gap_at_peak`).
+    Gaps are bridged by straight lines, so a peak that a gap cuts off is found at the gap's edge; whoever
+    reads an angle there has to look for the gap (`evaluation.synchronize.has_gap_at_peak`).
 
     Args:
         flexion_deg: Knee flexion, positive [deg].

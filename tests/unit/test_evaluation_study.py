@@ -74,7 +74,8 @@ WRONG = {
     "published": ('"unbraced"', '"unbracd"', "published = 'unbracd'", "'unbraced'"),
     "events": ('[events."u2.c3d"]', '[events."u3.c3d"]', "events = 'u3.c3d'", "did you mean"),
     "toml": ('name = "Serve"', 'name = Serve"', "not valid TOML", "line"),
-    "cutoff": ("[protocol.hip]", "[protocol.processing]\ncutoff_hz = -1\n[protocol.hip]", "cutoff_hz", "corr"),
+    "cutoff": (
+        "[protocol.hip]", "[protocol.processing]\ncutoff_hz = -1\n[protocol.hip]", "cutoff", "correct"),
 }  # fmt: skip
 
 

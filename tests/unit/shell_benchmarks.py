@@ -209,18 +209,19 @@ def arc(start, end, parts):
     return (np.sin((1 - s) * angle) * start + np.sin(s * angle) * end) / np.sin(angle)
 
 
-def hyperbolic_paraboloid(n):
-    """Half of the saddle z = y^2 - x^2 clamped at x = -1/2 under its weight, thickness 1/1000; 2n x n."""
+def hyperbolic_paraboloid(n, thickness):
+    """Half of the saddle z = y^2 - x^2 clamped at x = -1/2 under its weight; 2n x n."""
     u, v, triangles = grid(2 * n, n, rising=False)
     x, y = u - 0.5, 0.5 * v
     directors = np.stack([2 * x, -2 * y, 1 + 0 * x], axis=1)
     directors /= np.linalg.norm(directors, axis=1, keepdims=True)
     vertices = np.stack([x, y, y**2 - x**2], axis=1)
-    case = Problem(vertices, triangles, directors, 1e-3, 2e11, isotropic(0.3))
+    case = Problem(vertices, triangles, directors, thickness, 2e11, isotropic(0.3))
     case.hold(u == 0, range(6))
     case.hold(v == 0, SYMMETRY[Y])
-    case.weigh([0, 0, -360.0 * 1e-3])
-    return case.solve()[np.flatnonzero((u == 1) & (v == 0))[0], Z] / -2.8780e-4
+    density, reference = {1e-3: (360.0, 2.8780e-4), 1e-4: (3.6, 2.3856e-4)}[thickness]
+    case.weigh([0, 0, -density * thickness])
+    return case.solve()[np.flatnonzero((u == 1) & (v == 0))[0], Z] / -reference
 
 
 def twisted_beam(n, thickness, direction):

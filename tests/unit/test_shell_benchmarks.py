@@ -28,6 +28,7 @@ TABLES = {
         {4: 0.9690, 8: 0.9963, 16: 1.002, 32: 1.002},
         5e-4,
     ),
+    "supported plate 1/10000": (partial(cases.plate, thickness=1e-4, clamped=False), {16: 1.001}, 5e-4),
     "Scordelis-Lo": (
         cases.scordelis_lo,
         {4: 0.6695, 8: 0.8577, 16: 0.9550, 32: 0.9851, 64: 0.9932},
@@ -65,9 +66,14 @@ TABLES = {
     ),
     "hook": (cases.hook, {2: 0.9896, 4: 0.9794, 8: 0.9800, 16: 0.9877, 32: 0.9952}, 5e-4),
     "hyperbolic paraboloid 1/1000": (
-        cases.hyperbolic_paraboloid,
+        partial(cases.hyperbolic_paraboloid, thickness=1e-3),
         {4: 0.9533, 8: 0.9589, 16: 0.9728, 32: 0.9868, 64: 0.9951},
-        2e-4,
+        1e-4,
+    ),
+    "hyperbolic paraboloid 1/10000": (
+        partial(cases.hyperbolic_paraboloid, thickness=1e-4),
+        {16: 0.9828},
+        1e-4,
     ),
     "twisted beam, in plane": (
         partial(cases.twisted_beam, thickness=0.32, direction="in"),

@@ -21,6 +21,7 @@ from hilbrace.shell.response import (
     skin_reaction,
     static_modes,
 )
+from hilbrace.shell.section import Section, isotropic, map_directions, orthotropic
 from hilbrace.shell.stiffness import joint_stiffness, wrenches_at
 
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
     "GeometryMode",
     "LoadPattern",
     "NodalLoads",
+    "Section",
     "ShellFamily",
     "ShellModel",
     "ShellResponse",
@@ -45,11 +47,14 @@ __all__ = [
     "family_response",
     "family_stiffness",
     "geometry_mode",
+    "isotropic",
     "joint_line_shares",
     "joint_stiffness",
     "lay_on_skin",
     "loop_stiffness",
+    "map_directions",
     "open_pool",
+    "orthotropic",
     "pose_shell",
     "shell_family",
     "shell_response",

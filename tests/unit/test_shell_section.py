@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hilbrace.errors import GeometryError
+from hilbrace.shell import build_shell, loop_stiffness
 from hilbrace.shell.directors import nodal_directors, tangent_basis
 from hilbrace.shell.element import element_stiffness, element_stiffness_and_slope
 from hilbrace.shell.section import Section, isotropic, map_directions, orthotropic, section_roots
@@ -145,6 +147,23 @@ def test_strip_in_bending_follows_the_transformed_compliance(angle):
     np.testing.assert_allclose(moves[:, Z], expected, atol=1e-10 * scale)
     np.testing.assert_allclose(moves[:, TURN_Y], k11 * x + 0.5 * k12 * y, atol=1e-10 * scale)
     np.testing.assert_allclose(moves[:, TURN_X], -k22 * y - 0.5 * k12 * x, atol=1e-10 * scale)
+
+
+@pytest.mark.parametrize("along_axis", [True, False])
+def test_fibres_along_or_around_a_tube_make_it_a_beam_of_their_modulus(along_axis):
+    # Bar and torsion of a thin tube with rigid ends; Poisson's ratio 0, so that the ends do not disturb it.
+    radius, length, thickness, modulus = 40.0, 240.0, 2.0, 1.15
+    surface = tube(40, 36, radius, length)
+    corners = surface[0][surface[1]]
+    around = np.cross(corners.mean(axis=1), [0.0, 1.0, 0.0])
+    directions = np.array([[0.0, 1.0, 0.0]]) if along_axis else around
+    wall = lamina(young_1=1.0, young_2=0.1, poisson_12=0.0, shear=0.07)
+    shell = build_shell(*surface, thickness, orthotropic(wall[None], directions))
+    answer = loop_stiffness(torch.full((len(corners),), modulus, dtype=torch.float64), shell).numpy()
+    area = 2 * np.pi * radius * thickness
+    young = 1.0 if along_axis else 0.1
+    assert answer[7, 7] == pytest.approx(modulus * young * area / length, rel=0.01)
+    assert answer[10, 10] == pytest.approx(modulus * 0.07 * area * radius**2 / length, rel=0.015)
 
 
 # --- invariance

@@ -135,10 +135,55 @@ def inverse_kinematics(question: dict[str, np.ndarray]) -> dict[str, np.ndarray]
     return {"names": np.array(names), "coordinates": np.array(found)}
 
 
+def inverse_kinematics_tool(question: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Poses by OpenSim's InverseKinematicsTool, with a weight for each marker and files as it reads them.
+
+    Question: as of `inverse_kinematics`, and ``weights``. Answer: ``names``, ``coordinates`` (frame, name).
+    """
+    import opensim as osim
+
+    from hilbrace.motion.opensim_files import coordinates_rad, read_storage, write_trc
+
+    model = _model(question)
+    for name, value in zip(question["start_names"].tolist(), question["start"].tolist(), strict=True):
+        model.updCoordinateSet().get(name).setDefaultValue(value)
+    for name in question["locked"].tolist():
+        model.updCoordinateSet().get(name).setDefaultLocked(True)
+    for k in range(model.getForceSet().getSize()):
+        model.updForceSet().get(k).set_appliesForce(False)
+    model.finalizeConnections()
+    model.printToXML("model.osim")
+    names = tuple(question["markers"].tolist())
+    measured = question["measured"]
+    write_trc(Path("markers.trc"), 0.01 * np.arange(len(measured)), 100.0, names, measured)
+    tool = osim.InverseKinematicsTool()
+    tasks = tool.upd_IKTaskSet()
+    for name, weight in zip(names, question["weights"].tolist(), strict=True):
+        task = osim.IKMarkerTask()
+        task.setName(name)
+        task.setApply(True)
+        task.setWeight(weight)
+        tasks.cloneAndAppend(task)
+    tool.set_model_file("model.osim")
+    tool.set_marker_file("markers.trc")
+    tool.set_accuracy(1e-9)
+    tool.set_report_errors(False)
+    tool.setStartTime(0.0)
+    tool.setEndTime(0.01 * (len(measured) - 1))
+    tool.setOutputMotionFileName("found.mot")
+    assert tool.run()
+    found = coordinates_rad(read_storage(Path("found.mot")))
+    return {"names": np.array(list(found)), "coordinates": np.array(list(found.values())).T}
+
+
 if __name__ == "__main__":
     with np.load(sys.argv[2]) as _archive:
         _question = dict(_archive)
     np.savez(
         sys.argv[3],
-        **{"reactions": reactions, "inverse_kinematics": inverse_kinematics}[sys.argv[1]](_question),
+        **{
+            "reactions": reactions,
+            "inverse_kinematics": inverse_kinematics,
+            "inverse_kinematics_tool": inverse_kinematics_tool,
+        }[sys.argv[1]](_question),
     )

@@ -2,8 +2,9 @@
 
 The sparsity of the stiffness is the same in every shape, but each needs a factorisation of its own. `rest`
 takes the rest shape for all frames, `frame` the posed shape of each, and `clusters:k` the k frames that stand
-best for the others (measured on a knee that bends by 85 degrees: 9 shapes for 45 frames leave the compliance
-within 1 % on average).
+best for the others. On the tube of the benchmark (10k triangles, 45 frames, bent by up to 75 degrees), whose
+compliance is off by 61 % on average if it keeps its rest shape, 5 shapes leave 3 % (at worst 14 %), 9 leave
+2 % (11 %) and 15 leave 0.3 % (1.8 %).
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ class GeometryMode:
 class ShellFamily:
     """Shapes of one brace, and which of them stands for which frame.
 
-    A shape of 10k triangles takes some 10 MB; 45 of them stay below 0.5 GB.
+    Memory: a shape of 10k triangles takes 10.5 MB, so that 45 of them take 0.48 GB; factors are not kept. A
+    response adds the displacements that its gradient needs, 2.6 MB for 13 solves in each shape.
 
     Attributes:
         shells: The shapes; their numbering is one and the same.

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from hilbrace.errors import GeometryError
 from hilbrace.shell.assembly import Numbering, number
-from hilbrace.shell.directors import nodal_directors, tangent_basis
+from hilbrace.shell.directors import nodal_directors, tangent_basis, triangle_normals
 from hilbrace.shell.element import element_stiffness, element_stiffness_and_slope
 from hilbrace.shell.foundation import Foundation, Ground, ground_stiffness
 from hilbrace.shell.loops import loop_centres, loop_motions
@@ -106,16 +106,14 @@ def build_shell(
     return _assemble(shape, vertex_pairs(numbering.sparsity))
 
 
-def pose_shell(
-    shell: ShellModel, vertices: Float[Array, "vertex 3"], section: Section | None = None
-) -> ShellModel:
+def pose_shell(shell: ShellModel, vertices: Float[Array, "vertex 3"]) -> ShellModel:
     """The same shell in another shape, stress-free there; numbering and sparsity are shared.
+
+    Material directions of the wall are carried along with the triangles, as lines drawn on them.
 
     Args:
         shell: The shell in one shape.
         vertices: Positions in the other shape [mm].
-        section: The wall with its material directions in the other shape; those of the shell, in space, if
-            left out, which is right for a wall without directions.
 
     Raises:
         GeometryError: The shape has folds or triangles without area.
@@ -127,8 +125,8 @@ def pose_shell(
             hint="pose the vertices of the same domain",
         )
     check_shape(vertices, shell.triangles)
-    shape = replace(_shape_of(shell), vertices=vertices, section=section or shell.section)
-    return _assemble(shape, shell.maps.pairs)
+    section = _carried(shell.section, shell.triangles, shell.vertices, vertices)
+    return _assemble(replace(_shape_of(shell), vertices=vertices, section=section), shell.maps.pairs)
 
 
 def thicken_shell(shell: ShellModel, thickness_mm: Float[Array, " triangle"]) -> ShellModel:
@@ -202,6 +200,25 @@ def _assemble(shape: _Shape, pairs: VertexPairs) -> ShellModel:
         foundation=shape.foundation,
         ground=_ground(shape, directors),
     )
+
+
+def _carried(
+    section: Section,
+    triangles: Int[Array, "triangle 3"],
+    before: Float[Array, "vertex 3"],
+    after: Float[Array, "vertex 3"],
+) -> Section:
+    """A section whose directions keep their components along two edges and the normal of each triangle."""
+    if section.directions is None:
+        return section
+    rest, posed = (
+        np.concatenate(
+            [np.diff(shape[triangles], axis=1), triangle_normals(shape, triangles)[0][:, None]], axis=1
+        )
+        for shape in (before, after)
+    )
+    along = np.linalg.solve(rest.transpose(0, 2, 1), section.directions[:, :, None])
+    return replace(section, directions=(posed.transpose(0, 2, 1) @ along)[:, :, 0])
 
 
 def _directors(shape: _Shape) -> Float[Array, "vertex 3"]:

@@ -56,7 +56,7 @@ class SolverPool:
                 where="shell solver",
                 hint="keep the pool open until the last gradient is taken",
             )
-        if len(jobs) == 1 or self.threads == 1:
+        if len(jobs) <= 1 or self.threads == 1:
             return [self._with(self._one, job) for job in jobs]
         while len(self._opened) <= min(self.threads, len(jobs)):
             self._many.put(self._open(1))

@@ -217,6 +217,20 @@ def test_pool_gives_the_same_answers_as_solvers_of_ones_own():
     )
 
 
+def test_pool_survives_a_job_that_fails():
+    def fails(_solver):
+        raise SolverError("singular", where="shape 1", hint="none")
+
+    def works(solver):
+        return solver.sparsity.size
+
+    with open_pool(SHELL.numbering.sparsity, threads=2) as pool:
+        with pytest.raises(SolverError, match="shape 1"):
+            pool.run([works, fails, works])
+        assert pool.run([works] * 5) == [SHELL.numbering.sparsity.size] * 5
+        assert pool.run([]) == []
+
+
 def test_closed_pool_is_refused_even_for_the_gradient():
     modulus = some_modulus().requires_grad_()
     with open_pool(SHELL.numbering.sparsity) as pool:

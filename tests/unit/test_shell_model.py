@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
 from hilbrace.errors import GeometryError, HilbraceError, SolverError
-from hilbrace.shell import build_shell, pose_shell
+from hilbrace.shell import build_shell, loop_stiffness, pose_shell
 from hilbrace.shell.assembly import free_stiffness
 from hilbrace.shell.directors import nodal_directors, tangent_basis, triangle_normals
 from hilbrace.shell.loads import joint_line_shares
 from hilbrace.shell.maps import assemble
 from hilbrace.shell.model import unit_stiffness
+from hilbrace.shell.section import orthotropic
 from tests.unit.shell_cases import global_stiffness, grid, tube
 
 TUBE = tube(10, 5, 30.0, 80.0, waviness=0.1)
@@ -88,6 +90,23 @@ def test_posed_shell_equals_one_built_from_its_shape():
     assert np.array_equal(posed.refill.data, built.refill.data)
     assert np.array_equal(posed.maps.force, built.maps.force)
     assert np.array_equal(posed.loop_motions, built.loop_motions)
+
+
+def test_material_directions_turn_with_the_shell():
+    vertices, triangles, upper, lower = TUBE
+    membrane = np.diag([1.0, 0.2, 0.1])[None]
+    up = np.array([[0.0, 1.0, 0.0]])
+    turn, _ = np.linalg.qr(np.random.default_rng(2).standard_normal((3, 3)))
+    turn *= np.sign(np.linalg.det(turn))
+    shell = build_shell(vertices, triangles, upper, lower, 4.0, orthotropic(membrane, up))
+    posed = pose_shell(shell, vertices @ turn.T)
+    built = build_shell(vertices @ turn.T, triangles, upper, lower, 4.0, orthotropic(membrane, up @ turn.T))
+    assert posed.section.directions is not None
+    modulus = torch.ones(len(triangles), dtype=torch.float64)
+    here, there = loop_stiffness(modulus, posed), loop_stiffness(modulus, built)
+    torch.testing.assert_close(here, there, rtol=1e-9, atol=1e-9 * there.abs().max().item())
+    unturned = build_shell(vertices @ turn.T, triangles, upper, lower, 4.0, orthotropic(membrane, up))
+    assert (loop_stiffness(modulus, unturned) - there).abs().max() > 0.05 * there.abs().max()
 
 
 def loose_vertex():

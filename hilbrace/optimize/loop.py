@@ -216,7 +216,8 @@ def _start(problem: Problem, evaluation: Evaluation) -> dict[str, Any]:
     terms = evaluation.terms.detach()
     first = evaluation.stability
     stability = losses.Stability(first.preserved.detach(), first.prevented.detach(), first.effect.detach())
-    scale = losses.scales(stability, terms, len(problem.domain.seam_pairs))
+    pairs, coupling = len(problem.domain.seam_pairs), problem.settings.coupling
+    scale = losses.scales(stability, terms, pairs, coupling)
     return {"losses_initial": terms.numpy(), "scales": astuple(scale)}
 
 

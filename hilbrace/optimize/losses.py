@@ -1,10 +1,13 @@
 """The five losses of the paper's loss table, each a plain function of tensors.
 
-``total`` divides each by its value at the start, as the paper does. Three of them need a word:
+``normalised`` divides each by its value at the start, as the paper does. Three of them need a word:
 
 * L1. The frontal angle is a few degrees and a soft sleeve changes it by a per cent: ``L1 / L1_start`` would
-  be one for every design. The controlled angles are therefore measured by the size of the change that the
-  first (uniform) brace makes to them, the preserved ones by their own start; see `relative_stability`.
+  be one for every design. Where the brace acts by its stiffness, the controlled angles are therefore measured
+  by the size of the change that the first (uniform) brace makes to them, the preserved ones by their own
+  start; see `relative_stability`. Where it acts by its reactions, L1 stays the paper's: statics fixes what
+  both loops hold together, a design merely shifts it from one to the other, and in units of the first brace's
+  effect that shift has no bound and would outweigh every other loss.
 * L4 and L5 are zero for a uniform field of the right volume. Their start value is not taken below that of
   a 5 % error (`TOLERANCE`).
 """
@@ -113,7 +116,8 @@ class Scales:
     Attributes:
         preserved: Start of L1's preserved sum [rad^2].
         prevented: Start of L1's controlled sum [rad^2].
-        effect: Size of the first brace's effect on that sum [rad^2].
+        preserved_unit: Change of the preserved sum that counts as one unit of loss [rad^2].
+        prevented_unit: Change of the controlled sum that counts as one [rad^2].
         elastic_energy: Start of L2.
         compliance: Start of L3.
         volume: Start of L4, not below its floor.
@@ -122,26 +126,48 @@ class Scales:
 
     preserved: float
     prevented: float
-    effect: float
+    preserved_unit: float
+    prevented_unit: float
     elastic_energy: float
     compliance: float
     volume: float
     seam: float
 
 
-def scales(stability: Stability, terms: Float[Tensor, "5"], seam_pairs: int) -> Scales:
+def stability_units(stability: Stability, coupling: str) -> tuple[float, float]:
+    """Changes of L1's preserved and controlled sum that count as one unit of loss [rad^2].
+
+    Args:
+        stability: L1's sums for the first field.
+        coupling: ``"stiffness"`` or ``"paper"``, see `hilbrace.optimize.coupling`.
+    """
+    preserved, prevented, effect = map(float, (stability.preserved, stability.prevented, stability.effect))
+    units = {
+        "stiffness": (preserved / PRESERVED_SHARE, SUPPORT_UNIT * effect / (1.0 - PRESERVED_SHARE)),
+        "paper": (preserved + prevented, preserved + prevented),
+    }
+    of_preserved, of_prevented = units[coupling]
+    return max(of_preserved, 1e-30), max(of_prevented, 1e-30)
+
+
+def scales(
+    stability: Stability, terms: Float[Tensor, "5"], seam_pairs: int, coupling: str = "stiffness"
+) -> Scales:
     """The scales of a run from the first field's losses.
 
     Args:
         stability: L1's sums for the first field.
         terms: L1..L5 of the first field.
         seam_pairs: Number of seam pairs.
+        coupling: How the brace acts on the joint, see `stability_units`.
     """
     tiny = 1e-30
+    preserved_unit, prevented_unit = stability_units(stability, coupling)
     return Scales(
-        preserved=max(float(stability.preserved), tiny),
+        preserved=float(stability.preserved),
         prevented=float(stability.prevented),
-        effect=max(float(stability.effect), tiny),
+        preserved_unit=preserved_unit,
+        prevented_unit=prevented_unit,
         elastic_energy=max(float(terms[1]), tiny),
         compliance=max(float(terms[2]), tiny),
         volume=max(float(terms[3]), TOLERANCE**2),
@@ -150,14 +176,15 @@ def scales(stability: Stability, terms: Float[Tensor, "5"], seam_pairs: int) -> 
 
 
 def relative_stability(stability: Stability, scale: Scales) -> Float[Tensor, ""]:
-    """L1 in units of what the first brace does: one at the start, falling as the design improves.
+    """L1 in its units: one at the start, falling as the design improves.
 
-    The preserved part is divided by its start. The controlled part falls by one when the brace takes off
-    `SUPPORT_UNIT` of the first brace's effect more than the first brace did.
+    With the stiffness coupling the preserved part, of weight `PRESERVED_SHARE`, is divided by its start; the
+    controlled part, which has the rest, falls by one when the brace takes off `SUPPORT_UNIT` of the first
+    brace's effect more than the first brace did. With the paper's coupling this is ``L1 / L1_start``.
     """
-    preserved = stability.preserved / scale.preserved
-    prevented = 1.0 + (stability.prevented - scale.prevented) / (SUPPORT_UNIT * scale.effect)
-    return PRESERVED_SHARE * preserved + (1.0 - PRESERVED_SHARE) * prevented
+    preserved = (stability.preserved - scale.preserved) / scale.preserved_unit
+    prevented = (stability.prevented - scale.prevented) / scale.prevented_unit
+    return 1.0 + preserved + prevented
 
 
 def normalised(stability: Stability, terms: Float[Tensor, "5"], scale: Scales) -> Float[Tensor, "5"]:

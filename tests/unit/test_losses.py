@@ -92,6 +92,14 @@ def test_a_unit_of_support_takes_its_share_off_the_stability_loss():
     assert float(losses.relative_stability(worse, scale)) == pytest.approx(1 + 3 * losses.PRESERVED_SHARE)
 
 
+def test_with_the_papers_coupling_the_stability_loss_is_divided_by_its_start():
+    stability, terms, _ = _start()
+    scale = losses.scales(stability, terms, seam_pairs=10, coupling="paper")
+    assert float(losses.relative_stability(stability, scale)) == pytest.approx(1.0)
+    other = _stability(0.05, 0.3, 0.7)
+    assert float(losses.relative_stability(other, scale)) == pytest.approx((0.05 + 0.3) / (0.02 + 0.9))
+
+
 @pytest.mark.parametrize("term", ["elastic_energy", "compliance", "volume", "seam"])
 def test_gradients_are_those_of_finite_differences(term: str):
     generator = torch.Generator().manual_seed(1)

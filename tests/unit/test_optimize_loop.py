@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from hilbrace.domain.domain import Domain
 from hilbrace.errors import SolverError
 from hilbrace.optimize import losses
 from hilbrace.optimize.build import optimize_design, uniform_design, write_history_csv
-from hilbrace.optimize.design import LOSSES, Design
+from hilbrace.optimize.design import COUPLINGS, LOSSES, Design
 from hilbrace.optimize.evaluate import design_variable, evaluate
 from hilbrace.optimize.loop import adam, firmness, first_state, learning_rate
 from hilbrace.optimize.problem import Problem, build_problem, width_limits
@@ -52,14 +53,16 @@ def _optimize(domain: Domain, checkpoint: Path, progress=lambda *_: None, **chan
     return design
 
 
-def test_the_total_loss_has_the_gradient_of_finite_differences(problem: Problem):
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_the_total_loss_has_the_gradient_of_finite_differences(problem: Problem, coupling: str):
+    problem = replace(problem, settings=_settings(coupling=coupling))
     state = first_state(problem, "")
     firm = firmness(problem, state.firm)
     generator = torch.Generator().manual_seed(5)
     theta = torch.from_numpy(state.theta) + torch.randn((100, 100), generator=generator, dtype=torch.float64)
     bias = torch.tensor(float(state.bias), dtype=torch.float64)
     start = evaluate(problem, firm, theta, bias)
-    scale = losses.scales(start.stability, start.terms, len(problem.domain.seam_pairs))
+    scale = losses.scales(start.stability, start.terms, len(problem.domain.seam_pairs), coupling)
     weights = torch.tensor([0.5, 0.8, 0.6, 0.3, 0.02], dtype=torch.float64)
 
     def total(at: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
@@ -123,6 +126,22 @@ def test_a_checkpoint_of_another_task_or_a_broken_one_is_not_used(domain: Domain
     assert pack(_optimize(domain, tmp_path / "seed.npz", iterations=6, seed=4)) != whole
     checkpoint.write_bytes(checkpoint.read_bytes()[:100])
     assert pack(_optimize(domain, checkpoint, iterations=6)) == whole
+
+
+def test_the_papers_coupling_designs_too_and_both_are_predicted(
+    domain: Domain, design: Design, tmp_path: Path
+):
+    other = _optimize(
+        domain, tmp_path / "checkpoint.npz", coupling="paper", prevent=("adduction", "rotation")
+    )
+    assert other.history[-1, -1] < 0.97 * other.history[0, -1]
+    assert (other.coupling, design.coupling) == ("paper", "stiffness")
+    for made in (other, design):
+        assert made.angle_changes.shape == (2, len(domain.time), 3)
+        np.testing.assert_array_equal(made.angle_change, made.angle_changes[COUPLINGS.index(made.coupling)])
+        assert np.abs(made.angle_changes[0] - made.angle_changes[1]).max() > 0.0
+    ends = [0, -1]
+    np.testing.assert_allclose(other.contact_force_change[1][ends], other.reaction_lower[ends], rtol=1e-9)
 
 
 def test_losses_fall_and_the_brace_beats_the_uniform_one(design: Design):

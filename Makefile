@@ -44,7 +44,7 @@ contract:
 	$(BIN)/lint-imports
 
 unit:
-	$(BIN)/pytest -q
+	$(BIN)/pytest -q -m "not soak"
 
 clean:
 	rm -rf $(VENV) $(OUT)

@@ -154,10 +154,14 @@ def test_events_can_be_corrected_by_hand(study, table, tmp_path, capsys):
     assert any("methods differ" in warning for warning in again["warnings"])
 
 
-def test_the_same_files_give_the_same_bytes(study, table, tmp_path):
-    assert main(["evaluate", "table", str(study), "--out", str(tmp_path), "--json"]) == 0
+def test_the_same_files_give_the_same_bytes_and_the_terminal_says_where(study, table, tmp_path, capsys):
+    assert main(["evaluate", "table", str(study), "--out", str(tmp_path)]) == 0
     for name in ("table.csv", "table.json", "report.html", "events.toml", "figures/mean_curves.svg"):
         assert (tmp_path / name).read_bytes() == (study.parent / "evaluation" / name).read_bytes()
+    shown = capsys.readouterr().out
+    assert "never of the measurement" in shown
+    assert "paper 144.148" in shown
+    assert "report.html" in shown
 
 
 def test_angles_of_every_trial(study, tmp_path, capsys):
@@ -175,14 +179,6 @@ def test_angles_of_every_trial(study, tmp_path, capsys):
     assert gait["knee_sagittal_deg"] == pytest.approx(-paper["knee_sagittal_deg"])
     assert gait["knee_frontal_deg"] == pytest.approx(paper["knee_frontal_deg"])
     assert "unbraced_1" in capsys.readouterr().out
-
-
-def test_the_terminal_shows_the_table_and_where_the_files_are(study, tmp_path, capsys):
-    assert main(["evaluate", "table", str(study), "--out", str(tmp_path)]) == 0
-    shown = capsys.readouterr().out
-    assert "never of the measurement" in shown
-    assert "paper 144.148" in shown
-    assert str(tmp_path / "report.html") in shown
 
 
 @pytest.mark.parametrize(

@@ -158,6 +158,42 @@ def test_axes_turn_the_distal_body_and_inertia_is_physical(loads):
     assert np.allclose(rotation @ np.swapaxes(rotation, -1, -2), np.eye(3), atol=1e-9)
 
 
+@pytest.mark.parametrize("joint", JOINTS)
+def test_the_part_below_moves_as_its_jacobian_says_and_the_part_above_does_not(loads, joint):
+    """Central differences of our own kinematics, at the material point in the joint's centre."""
+    table = load_table()
+    skeleton = skeleton_from_table(table)
+    side, k, h = joint[-1], JOINTS.index(joint), 1e-5
+    names = (
+        ("knee_angle", "knee_adduction", "knee_rotation")
+        if joint[0] == "k"
+        else ("ankle_angle", "subtalar_angle")
+    )
+    above, distal, carrier = ("femur", "tibia", "tibia") if joint[0] == "k" else ("tibia", "talus", "calcn")
+    child = f"{distal}_{side}"
+    centre = np.array(next(item["child_frame"][0] for item in table["joints"] if item["child"] == child))
+    q = dict(zip(loads.coordinate_names, loads.coordinates.T, strict=True))
+    pose = skeleton.forward(q)
+    place = pose[child].origin + pose[child].rotation @ centre
+    body = pose[f"{carrier}_{side}"]
+    material = np.einsum("fji,fj->fi", body.rotation, place - body.origin)
+    for axis, name in enumerate(names):
+        ahead, behind = (
+            skeleton.forward({**q, f"{name}_{side}": q[f"{name}_{side}"] + step}) for step in (h, -h)
+        )
+        there, back = ahead[f"{carrier}_{side}"], behind[f"{carrier}_{side}"]
+        shift = there.origin - back.origin + np.einsum("fij,fj->fi", there.rotation - back.rotation, material)
+        spin = (there.rotation - back.rotation) @ np.swapaxes(body.rotation, 1, 2)
+        turn = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
+        moved = np.concatenate(
+            [np.einsum("fji,fj->fi", pose[child].rotation, part) for part in (shift, turn)], axis=1
+        )
+        np.testing.assert_allclose(loads.distal_jacobian[:, k, :, axis], moved / (2 * h), atol=1e-7)
+        held, still = ahead[f"{above}_{side}"], behind[f"{above}_{side}"]
+        np.testing.assert_array_equal(held.origin, still.origin)
+        np.testing.assert_array_equal(held.rotation, still.rotation)
+
+
 def test_the_same_input_gives_the_same_bytes(trial):
     short = dataclasses.replace(
         trial,

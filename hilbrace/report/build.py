@@ -129,6 +129,10 @@ def _page(
         stiffness_rows=_stiffness_rows(brace),
         coupling=brace["coupling"],
         prediction_rows=_prediction_rows(brace),
+        contact_change=[
+            f"{brace['predicted_by_coupling'][name]['contact_force_change_max_n']:.2g}"
+            for name in ("stiffness", "paper")
+        ],
         figures_rows=_figure_rows(metrics),
         notes=[_sentence(note) for note in (*motion["notes"], *biomech["notes"])],
     )

@@ -23,6 +23,11 @@ from hilbrace.units import GRAVITY
 Array = np.ndarray
 
 FEET_IN_FILE = ("left", "right")
+_DAMAGE = (
+    *(OSError, RuntimeError, ValueError, EOFError, LookupError, TypeError, AttributeError),
+    zipfile.BadZipFile,
+)
+"""What reading a damaged file raises; each opcode of its index may be anything."""
 LOWEST_PEAK_BW, HIGHEST_PEAK_BW = 0.5, 15.0
 """Plausible peaks of the vertical force of both feet together [body weights]."""
 
@@ -103,6 +108,10 @@ def _tensors(path: Path) -> dict[str, Any]:
     import torch
 
     try:
+        if path.is_file() and not zipfile.is_zipfile(path):
+            raise InputError(
+                "no file of tensors, or cut short", where=str(path), hint="download it again, or save it anew"
+            )
         content = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise InputError("no such file", where=str(path), hint="check motion.forces") from None
@@ -112,7 +121,7 @@ def _tensors(path: Path) -> dict[str, Any]:
             where=str(path),
             hint="save a dict of the tensors GRF and CoP alone",
         ) from None
-    except (OSError, RuntimeError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as fault:
+    except _DAMAGE as fault:
         reason = str(fault).strip().splitlines()[:1]
         raise InputError(
             f"no readable file of tensors: {''.join(reason)[:120]}", where=str(path), hint="download it again"

@@ -135,8 +135,8 @@ class _Condense(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, modulus: Tensor, thickness: Tensor | None, plan: _Plan, *loads: Tensor) -> Any:
         ctx.set_materialize_grads(False)
-        numbers = modulus.detach().numpy()
-        wall = None if thickness is None else thickness.detach().numpy()
+        numbers = modulus.detach().numpy().copy()
+        wall = None if thickness is None else thickness.detach().numpy().copy()
 
         def job(shell: ShellModel, load: Tensor, solver: Solver) -> tuple[ShellModel, Condensed]:
             at = shell if wall is None else thicken_shell(shell, wall)
@@ -188,7 +188,7 @@ class _Energies(torch.autograd.Function):
     def forward(
         ctx: Any, modulus: Tensor, thickness: Tensor | None, displacements: Tensor, shell: ShellModel
     ) -> Any:
-        fields, numbers = displacements.detach().numpy(), modulus.detach().numpy()
+        fields, numbers = displacements.detach().numpy(), modulus.detach().numpy().copy()
         unit = field_energies(shell.numbering, shell.maps, fields)
         ctx.shell, ctx.modulus, ctx.fields, ctx.unit = shell, numbers, fields, unit
         return torch.from_numpy(unit * numbers)

@@ -271,6 +271,32 @@ def test_force_that_is_not_finite_names_its_frame():
         shell_response(some_modulus(), SHELL, NodalLoads(forces))
 
 
+@pytest.mark.parametrize("wrong", [0.0, -1.0, float("nan")])
+def test_thickness_that_is_no_thickness_names_its_triangle(wrong):
+    thickness = torch.full((len(SHELL.triangles),), 3.0, dtype=torch.float64)
+    thickness[13] = wrong
+    with pytest.raises(GeometryError, match="triangle 13"):
+        shell_response(some_modulus(), SHELL, some_load(), thickness)
+
+
+@pytest.mark.malformed
+def test_thickness_of_another_mesh_is_refused():
+    with pytest.raises(GeometryError, match="thickness of shape"):
+        shell_response(some_modulus(), SHELL, some_load(), torch.ones(5, dtype=torch.float64))
+
+
+def test_gradient_is_that_of_the_modulus_that_was_solved_with():
+    modulus, thickness = some_modulus(), torch.full((len(SHELL.triangles),), 3.0, dtype=torch.float64)
+    thickness.requires_grad_()
+    gradients = []
+    for disturb in (1.0, 5.0):
+        at = modulus.clone()
+        energies = element_energies(shell_response(at, SHELL, some_load(), thickness))
+        at *= disturb
+        gradients.append(torch.autograd.grad(energies[0, 5], thickness)[0])
+    assert torch.equal(*gradients)
+
+
 def test_share_that_is_not_finite_names_its_vertex():
     shares = SHARES.copy()
     shares[11] = np.nan

@@ -96,9 +96,9 @@ class MuscleTasks(HeldModel):
             found["capacity"][frame] = [
                 muscle.calcInextensibleTendonActiveFiberForce(self._state, 1.0) for muscle in muscles
             ]
-            on_body = self._on_bodies(muscles)
+            on_body, origins = self._on_bodies(muscles)
             found["arms"][frame] = self._arms(on_body, values, rows)
-            found["pulls"][frame] = self._pulls(on_body, parts)
+            found["pulls"][frame] = self._pulls(on_body, origins, parts)
             self._tell(frame + 1, len(coordinates))
         return found
 
@@ -117,7 +117,7 @@ class MuscleTasks(HeldModel):
         arms = np.empty((len(coordinates), len(rows), len(muscles)))
         for frame, values in enumerate(coordinates):
             self._set_pose(self._complete(values))
-            arms[frame] = self._arms(self._on_bodies(muscles), values, rows)
+            arms[frame] = self._arms(self._on_bodies(muscles)[0], values, rows)
             self._tell(frame + 1, len(coordinates))
         return arms
 
@@ -168,15 +168,17 @@ class MuscleTasks(HeldModel):
         every = [muscles.get(k) for k in range(muscles.getSize())]
         return [muscle for muscle in every if muscle.get_appliesForce()]
 
-    def _on_bodies(self, muscles: Sequence[Any]) -> Float[Array, "body muscle 2 3"]:
-        """Moment about the body's origin and force per unit tension, in the ground."""
+    def _on_bodies(
+        self, muscles: Sequence[Any]
+    ) -> tuple[Float[Array, "body muscle 2 3"], Float[Array, "body 3"]]:
+        """Moment about the body's origin and force per unit tension, in the ground; and the origins."""
         points = _points(muscles, self._state, list(self._bodies))
-        rotations, _ = self._frames(tuple(self._bodies))
+        rotations, origins = self._frames(tuple(self._bodies))
         arm = np.einsum("pij,pj->pi", rotations[points.body], points.place)
         on_body = np.zeros((len(self._bodies), len(muscles), 2, 3))
         wrench = np.stack([np.cross(arm, points.pull), points.pull], axis=1)
         np.add.at(on_body, (points.body, points.muscle), wrench)
-        return on_body
+        return on_body, origins
 
     def _arms(
         self,
@@ -190,13 +192,16 @@ class MuscleTasks(HeldModel):
         return self._onto_leaders(forces, values)[[self._column[name] for name in rows]]
 
     def _pulls(
-        self, on_body: Float[Array, "body muscle 2 3"], parts: Sequence[Sequence[str]]
+        self,
+        on_body: Float[Array, "body muscle 2 3"],
+        origins: Float[Array, "body 3"],
+        parts: Sequence[Sequence[str]],
     ) -> Float[Array, "part muscle 6"]:
         names = tuple(self._bodies)
-        _, origins = self._frames(names)
         moment = on_body[:, :, 0] + np.cross(origins[:, None], on_body[:, :, 1])
         wrench = np.concatenate([on_body[:, :, 1], moment], axis=2)
-        return np.array([wrench[[names.index(body) for body in part]].sum(axis=0) for part in parts])
+        pulls = [wrench[[names.index(body) for body in part]].sum(axis=0) for part in parts]
+        return np.array(pulls).reshape(len(parts), on_body.shape[1], 6)
 
 
 def _points(muscles: Sequence[Any], state: Any, bodies: list[str]) -> Points:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import ctypes
 import ctypes.util
 import importlib.metadata
+import os
 import re
 import weakref
 from dataclasses import dataclass, field
@@ -159,7 +160,7 @@ class Pardiso:
         mkl = library()
         handle = _Handle(
             mkl=mkl,
-            threads=min(threads or mkl.MKL_Get_Max_Threads(), _MOST_THREADS),
+            threads=min(threads or mkl.MKL_Get_Max_Threads(), _most_threads()),
             row_start=np.ascontiguousarray(sparsity.start, dtype=np.int32),
             column=np.ascontiguousarray(sparsity.row, dtype=np.int32),
             values=np.zeros(sparsity.entries),
@@ -196,6 +197,15 @@ class Pardiso:
     def close(self) -> None:
         """Give the library's memory back."""
         self._release()
+
+
+def _most_threads() -> int:
+    """Two threads, or one where the environment keeps OpenMP from starting a second.
+
+    PARDISO would wait forever for the thread that it asked for and did not get.
+    """
+    limited = any(name in os.environ for name in ("OMP_THREAD_LIMIT", "OMP_MAX_ACTIVE_LEVELS"))
+    return 1 if limited else _MOST_THREADS
 
 
 def _refuse(error: int) -> None:

@@ -174,14 +174,15 @@ def test_solvers_in_several_threads_of_python_do_not_change_a_bit():
 
 
 @needs_pardiso
-def test_another_process_gives_the_same_bits():
+@pytest.mark.parametrize("environment", [{"OMP_NUM_THREADS": "2"}, {"OMP_THREAD_LIMIT": "1"}])
+def test_another_process_gives_the_same_bits(environment):
     code = "from tests.unit.test_shell_solver import fingerprint as f; print(f(1), f(2, shift=2))"
     root = Path(__file__).resolve().parents[2]
-    environment = os.environ | {"OMP_NUM_THREADS": "2"}
     done = subprocess.run(
         [sys.executable, "-c", code],
         cwd=root,
-        env=environment,
+        env=os.environ | environment,
+        timeout=120,
         capture_output=True,
         text=True,
         check=True,

@@ -22,7 +22,7 @@ from hilbrace.shell.response import (
     static_modes,
 )
 from hilbrace.shell.section import Section, isotropic, map_directions, orthotropic
-from hilbrace.shell.stiffness import joint_stiffness, wrenches_at
+from hilbrace.shell.stiffness import family_wrenches_at, joint_stiffness, wrenches_at
 
 __all__ = [
     "BraceStiffness",
@@ -46,6 +46,7 @@ __all__ = [
     "family_compliance",
     "family_response",
     "family_stiffness",
+    "family_wrenches_at",
     "geometry_mode",
     "isotropic",
     "joint_line_shares",

@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from hilbrace.shell.geometry import ShellFamily
 from hilbrace.shell.loops import rotation_about, wrench_shift
 from hilbrace.shell.model import ShellModel
 
@@ -46,3 +47,20 @@ def wrenches_at(
     """
     point = np.zeros(3) if centre is None else np.asarray(centre)
     return reactions @ torch.from_numpy(wrench_shift(shell.centres, point)).T
+
+
+def family_wrenches_at(
+    reactions: Float[torch.Tensor, "frame 12"],
+    family: ShellFamily,
+    centre: Float[Array, " xyz"] | None = None,
+) -> Float[torch.Tensor, "frame 12"]:
+    """Reactions of a family with their moments taken about the joint centre, each frame in its own shape.
+
+    Args:
+        reactions: Forces [N] and moments [N*mm] at the upper and the lower loop.
+        family: The shapes of the frames.
+        centre: Joint centre [mm], where it stays in all frames; the origin if left out.
+    """
+    point = np.zeros(3) if centre is None else np.asarray(centre)
+    shifts = np.stack([wrench_shift(shell.centres, point) for shell in family.shells])
+    return torch.einsum("tij,tj->ti", torch.from_numpy(shifts[family.shape_of_frame]), reactions)

@@ -17,6 +17,7 @@ from hilbrace.shell import (
     cluster_frames,
     element_energies,
     family_response,
+    family_wrenches_at,
     geometry_mode,
     joint_line_shares,
     open_pool,
@@ -174,9 +175,11 @@ def test_reactions_balance_the_loads_in_every_frame(mode, nodal):
     load = NodalLoads(forces) if nodal else some_load()
     on_vertices = forces if nodal else torch.from_numpy(SHARES)[None, :, None] * load.forces[:, None, :]
     answer = family_response(some_modulus(), family, load)
+    wrenches = family_wrenches_at(answer.reactions, family)
     for frame, shape in enumerate(family.shape_of_frame):
         shell = family.shells[shape]
-        held = wrenches_at(answer.reactions, shell)[frame].numpy().reshape(2, 2, 3).sum(axis=0)
+        torch.testing.assert_close(wrenches[frame], wrenches_at(answer.reactions, shell)[frame])
+        held = wrenches[frame].numpy().reshape(2, 2, 3).sum(axis=0)
         applied = on_vertices[frame].numpy()
         size = np.abs(applied).sum()
         np.testing.assert_allclose(held[0], -applied.sum(axis=0), atol=1e-10 * size)

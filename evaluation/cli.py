@@ -38,7 +38,7 @@ def add_commands(parser: argparse.ArgumentParser) -> None:
     _study_options(table)
     table.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the bootstrap (default: 0)")
     verify = _command(
-        commands, "verify-pig", _verify, "hold stored Plug-in Gait angles against their segment axes",
+        commands, "verify-pig", _verify, "hold our angles against those that Plug-in Gait stored",
         "hilbrace evaluate verify-pig walk.c3d stairs.c3d",
     )  # fmt: skip
     verify.add_argument(
@@ -112,24 +112,28 @@ def _table(options: argparse.Namespace) -> int:
 
 
 def _verify(options: argparse.Namespace) -> int:
-    from evaluation.plug_in_gait import TOLERANCE_DEG, verify_plug_in_gait
+    from evaluation.verification import TOLERANCE_DEG, verify_plug_in_gait
     from hilbrace.motion.c3d import C3DReader
 
-    checks, refused = [], []
+    checks, refused, notes = [], [], []
     with C3DReader() as reader:
         for path in options.files:
             try:
-                checks += [(path, check) for check in verify_plug_in_gait(reader.read(path), str(path))]
+                found, remarks = verify_plug_in_gait(reader.read(path), str(path))
             except InputError as fault:
                 if len(options.files) == 1:
                     raise
                 refused.append((path, fault))
+            else:
+                checks += [(path, check) for check in found]
+                notes += [f"{path.name}: {remark}" for remark in remarks]
     agree = all(check.agrees for _, check in checks) and not refused
     if options.json:
         rows = [
             {
                 "file": str(path),
                 "angles": check.name,
+                "from": check.source,
                 "frames": check.frames,
                 "rms_deg": [float(value) for value in check.rms_deg],
                 "largest_deg": [float(value) for value in check.largest_deg],
@@ -138,11 +142,19 @@ def _verify(options: argparse.Namespace) -> int:
             for path, check in checks
         ]
         refusals = [{"file": str(path), "what": fault.what, "mend": fault.hint} for path, fault in refused]
-        _print_json({"tolerance_deg": TOLERANCE_DEG, "agrees": agree, "checks": rows, "refused": refusals})
+        _print_json(
+            {
+                "tolerance_deg": TOLERANCE_DEG,
+                "agrees": agree,
+                "checks": rows,
+                "refused": refusals,
+                "notes": notes,
+            }
+        )
     else:
         from evaluation.terminal import print_checks
 
-        print_checks(checks, refused)
+        print_checks(checks, refused, notes)
     return 0 if agree else 1
 
 

@@ -10,9 +10,9 @@ from rich.text import Text
 
 from evaluation.comparison import EVENTS, TABLE_PLANES
 from evaluation.measure import MeasuredStudy
-from evaluation.plug_in_gait import TOLERANCE_DEG, JointCheck
 from evaluation.results import StudyResult
 from evaluation.tables import table_cells
+from evaluation.verification import TOLERANCE_DEG, JointCheck
 from hilbrace.errors import InputError
 
 
@@ -81,28 +81,34 @@ def print_trials(measured: MeasuredStudy, folder: Path) -> None:
     console.print(f"angles  {folder}", soft_wrap=True, markup=False, highlight=False)
 
 
-def print_checks(checks: list[tuple[Path, JointCheck]], refused: list[tuple[Path, InputError]]) -> None:
+def print_checks(
+    checks: list[tuple[Path, JointCheck]], refused: list[tuple[Path, InputError]], notes: list[str]
+) -> None:
     """Print how well stored angles are reproduced, file by file.
 
     Args:
         checks: File and comparison.
         refused: File and why it could not be compared.
+        notes: What else could not be compared, one sentence each.
     """
     console = Console()
-    title = f"Stored Plug-in Gait angles against their segment axes (tolerance {TOLERANCE_DEG:g} deg)"
+    title = f"Stored Plug-in Gait angles against ours (tolerance {TOLERANCE_DEG:g} deg)"
     table = Table(title=title, box=None)
-    for name in ("file", "angles", "frames", "RMS [deg]", "largest [deg]", ""):
-        table.add_column(name, justify="left" if name in ("file", "angles", "") else "right")
+    for name in ("file", "angles", "ours from", "frames", "RMS [deg]", "largest [deg]", ""):
+        table.add_column(name, justify="right" if "deg" in name or name == "frames" else "left")
     for path, check in checks:
         table.add_row(
             path.name,
             check.name,
+            check.source,
             str(check.frames),
             f"{check.rms_deg.max():.6f}",
             f"{check.largest_deg.max():.6f}",
             "reproduced" if check.agrees else Text("DIFFERS", style="bold red"),
         )
     console.print(table)
+    for note in notes:
+        console.print(f"- {note}", soft_wrap=True, markup=False, highlight=False)
     for path, fault in refused:
         console.print(f"{path.name}: {fault.what}\n  mend: {fault.hint}", soft_wrap=True, markup=False)
 

@@ -51,12 +51,14 @@ class C3DRecording:
         plates: Loads on the force plates, ``None`` if the file has none.
         outputs: What a model computed from the markers (angles, forces, ...), by name, in the file's own
             units; NaN where the file holds none.
+        measurements: The subject's measurements (group PROCESSING of Vicon's files), in the file's own units.
         notes: What was left out or assumed, one sentence each.
     """
 
     markers: MarkerTable
     plates: PlateForces | None
     outputs: dict[str, Float[Array, "frame 3"]]
+    measurements: dict[str, float]
     notes: tuple[str, ...]
 
 
@@ -203,7 +205,8 @@ def _recording(content: dict[str, Any], header: C3DHeader, path: Path) -> C3DRec
     markers = MarkerTable(names, np.arange(len(points)) / rate, rate, points[:, kept] * scale)
     plates, yet_more = _plates(content, header, rate, path)
     computed = {name: points[:, k] for name, k in outputs.items()}
-    return C3DRecording(markers, plates, computed, (*notes, *more, *yet_more))
+    measured = dict(zip(map(str, content["measured"]), content["measurements"].tolist(), strict=True))
+    return C3DRecording(markers, plates, computed, measured, (*notes, *more, *yet_more))
 
 
 def _scale(units: str, path: Path) -> tuple[float, tuple[str, ...]]:

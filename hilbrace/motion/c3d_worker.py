@@ -56,6 +56,7 @@ def read(ezc3d: Any, path: str) -> dict[str, Any]:
         "outputs": [name for group in OUTPUTS for name in gather(points, group)],
         "units": str((list(points.get("UNITS", [])) or [""])[0]),
         "plates": len(data["platform"]),
+        **measurements(parameters.get("PROCESSING", {})),
     }
     for k, plate in enumerate(data["platform"]):
         for key in ("force", "moment", "center_of_pressure", "Tz", "corners"):
@@ -63,6 +64,16 @@ def read(ezc3d: Any, path: str) -> dict[str, Any]:
         for key in ("unit_force", "unit_moment", "unit_position"):
             found[f"plate{k}_{key}"] = str(plate[key])
     return found
+
+
+def measurements(group: dict[str, Any]) -> dict[str, Any]:
+    """Names and values of the single numbers in a group."""
+    numbers = {}
+    for name, entry in group.items():
+        value = entry.get("value") if isinstance(entry, dict) else None
+        if value is not None and len(value) == 1 and not isinstance(value[0], str):
+            numbers[name] = float(value[0])
+    return {"measured": list(numbers), "measurements": list(numbers.values())}
 
 
 def gather(points: dict[str, Any], key: str) -> list[str]:

@@ -219,7 +219,7 @@ def test_stored_plug_in_gait_angles(shared_data, capsys):
     assert main(["evaluate", "verify-pig", *files, "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
     assert content["agrees"]
-    assert len(content["checks"]) == 28
+    assert len(content["checks"]) == 42
     assert max(max(check["largest_deg"]) for check in content["checks"]) < 1e-3
     other = str(shared_data / "c3d_cluster_protocol/2022_01_0401.c3d")
     assert main(["evaluate", "verify-pig", files[0], other]) == 1

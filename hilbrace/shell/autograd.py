@@ -76,7 +76,7 @@ def condense_shells(
         modulus: Young's modulus of each triangle [MPa].
         shells: The shells.
         loads: Forces on the vertices of each shell [N].
-        modes: Whether the motions of the loops are wanted as well; twelve solves more for each shell.
+        modes: Whether the motions of the loops are wanted as well; six solves more for each shell.
         thickness: Thickness of each triangle [mm]; that of the shells if left out. With it the element
             stiffness is computed anew each time, the dearest part by far.
         solvers: Solvers of the shells' sparsity; opened for this call alone if left out.

@@ -11,6 +11,9 @@ F the loads. One factorisation of K_ff gives ``U = K_ff^-1 F`` and ``Z = K_ff^-1
 They are stationary in U and Z, so that their derivatives by the stiffness need no further solve:
 ``dA = -U^T dK U``, ``dB = -Psi^T dK U``, ``dK_c = Psi^T dK Psi``. By the loads, ``dA = U^T dF + dF^T U`` and
 ``dB = Psi^T dF``. A loss on U itself costs one solve more for each load.
+
+Six solves give all twelve static modes: when both loops follow one rigid motion R, so does the whole shell,
+so that ``Psi_upper = R - Psi_lower T`` with T the lower loop's part in that motion.
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from hilbrace.shell.loops import carry_motion
 from hilbrace.shell.maps import Assembled, StiffnessMaps, assemble, contract
 from hilbrace.shell.model import ShellModel
 from hilbrace.shell.solver import Solver
@@ -100,10 +104,14 @@ def condense(
     """
     stiffness = stiffness_of(shell, modulus)
     on_free = loads.T[:, shell.numbering.free].T
-    rhs = np.empty((len(on_free), modes + loads.shape[1]), order="F")
-    rhs[:, :modes] = -stiffness.coupling[:, :modes]
-    rhs[:, modes:] = on_free
-    fields = solver.factor(stiffness.values).solve(rhs)
+    lower = modes // 2
+    rhs = np.empty((len(on_free), lower + loads.shape[1]), order="F")
+    rhs[:, :lower] = -stiffness.coupling[:, lower:modes]
+    rhs[:, lower:] = on_free
+    fields = np.empty((len(on_free), modes + loads.shape[1]), order="F")
+    fields[:, lower:] = solver.factor(stiffness.values).solve(rhs)
+    if modes:
+        fields[:, :lower] = shell.rigid - fields[:, lower:modes] @ carry_motion(shell.centres)
     free_modes, moves = fields[:, :modes], fields[:, modes:]
     coupling = stiffness.coupling[:, :modes]
     on_loops = shell.loop_motions[:, :modes].T @ loads[shell.clamped]

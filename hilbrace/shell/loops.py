@@ -23,6 +23,27 @@ def loop_centres(
     return np.stack([vertices[upper_loop].mean(axis=0), vertices[lower_loop].mean(axis=0)])
 
 
+def rigid_motions(
+    vertices: Float[Array, "vertex 3"],
+    tangents: Float[Array, "vertex 2 3"],
+    centre: Float[Array, " xyz"],
+) -> Float[Array, "dof 6"]:
+    """Displacements of all degrees of freedom in translations and in rotations about a centre."""
+    motions = np.zeros((len(vertices), NODE_DOFS, 6))
+    for axis, direction in enumerate(np.eye(3)):
+        motions[:, axis, axis] = 1.0
+        motions[:, :3, 3 + axis] = np.cross(direction, vertices - centre)
+        motions[:, 3:, 3 + axis] = tangents[:, :, axis]
+    return motions.reshape(-1, 6)
+
+
+def carry_motion(centres: Float[Array, "2 3"]) -> Float[Array, "6 6"]:
+    """Motion of the lower loop when it follows a rigid motion that is given about the upper loop's centre."""
+    motion = np.eye(6)
+    motion[:3, 3:] = np.cross(np.eye(3), centres[1] - centres[0]).T
+    return motion
+
+
 def loop_motions(
     vertices: Float[Array, "vertex 3"],
     tangents: Float[Array, "vertex 2 3"],
@@ -33,11 +54,8 @@ def loop_motions(
     motions = np.zeros((len(vertices), NODE_DOFS, LOOP_DOFS))
     centres = loop_centres(vertices, upper_loop, lower_loop)
     for side, loop in enumerate((upper_loop, lower_loop)):
-        arm = vertices[loop] - centres[side]
-        for axis, direction in enumerate(np.eye(3)):
-            motions[loop, axis, 6 * side + axis] = 1.0
-            motions[loop, :3, 6 * side + 3 + axis] = np.cross(direction, arm)
-            motions[loop, 3:, 6 * side + 3 + axis] = tangents[loop, :, axis]
+        rigid = rigid_motions(vertices[loop], tangents[loop], centres[side])
+        motions[loop, :, 6 * side : 6 * side + 6] = rigid.reshape(-1, NODE_DOFS, 6)
     return motions.reshape(-1, LOOP_DOFS)
 
 

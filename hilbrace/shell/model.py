@@ -13,7 +13,7 @@ from hilbrace.shell.assembly import Numbering, number
 from hilbrace.shell.directors import nodal_directors, tangent_basis, triangle_normals
 from hilbrace.shell.element import element_stiffness, element_stiffness_and_slope
 from hilbrace.shell.foundation import Foundation, Ground, ground_stiffness
-from hilbrace.shell.loops import loop_centres, loop_motions
+from hilbrace.shell.loops import loop_centres, loop_motions, rigid_motions
 from hilbrace.shell.maps import StiffnessMaps, VertexPairs, stiffness_maps, vertex_pairs
 from hilbrace.shell.mesh_checks import check_shape, check_surface, check_thickness
 from hilbrace.shell.section import Section, isotropic
@@ -38,6 +38,7 @@ class ShellModel:
         centres: Centres of the upper and the lower loop [mm], about which loop moments are taken.
         numbering: Degrees of freedom and sparsity; shared by all shapes of one brace.
         loop_motions: Rigid motions G of the loops on the clamped degrees of freedom.
+        rigid: Rigid motions of the whole shell about the upper loop's centre on the free ones.
         maps: Contributions of the triangles to the stiffness.
         foundation: The skin under the brace, if it carries part of the load.
         ground: What the skin adds to the stiffness.
@@ -52,6 +53,7 @@ class ShellModel:
     centres: Float[Array, "2 3"]
     numbering: Numbering
     loop_motions: Float[Array, "clamped 12"]
+    rigid: Float[Array, "free 6"]
     maps: StiffnessMaps
     foundation: Foundation | None = None
     ground: Ground | None = None
@@ -185,7 +187,8 @@ def _shape_of(shell: ShellModel) -> _Shape:
 def _assemble(shape: _Shape, pairs: VertexPairs) -> ShellModel:
     directors = _directors(shape)
     numbering, loops = shape.numbering, (shape.upper_loop, shape.lower_loop)
-    motions = loop_motions(shape.vertices, tangent_basis(directors), *loops)
+    tangents, centres = tangent_basis(directors), loop_centres(shape.vertices, *loops)
+    motions = loop_motions(shape.vertices, tangents, *loops)
     return ShellModel(
         vertices=shape.vertices,
         triangles=shape.triangles,
@@ -193,9 +196,10 @@ def _assemble(shape: _Shape, pairs: VertexPairs) -> ShellModel:
         lower_loop=shape.lower_loop,
         thickness_mm=shape.thickness_mm,
         section=shape.section,
-        centres=loop_centres(shape.vertices, *loops),
+        centres=centres,
         numbering=numbering,
         loop_motions=motions[numbering.equation < 0],
+        rigid=rigid_motions(shape.vertices, tangents, centres[0])[numbering.free],
         maps=stiffness_maps(numbering, pairs, element_stiffness(*_wall(shape, directors)), motions),
         foundation=shape.foundation,
         ground=_ground(shape, directors),

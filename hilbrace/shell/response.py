@@ -100,7 +100,7 @@ def shell_response(
 ) -> ShellResponse:
     """Compliance and reactions of every frame and the loop stiffness, for one shape.
 
-    One factorisation, and 3 + 12 solves for a load pattern or one for each frame + 12 for nodal loads; the
+    One factorisation, and 3 + 6 solves for a load pattern or one for each frame + 6 for nodal loads; the
     gradient needs no more (paper, Eq. 2: K U = F_acting; compliance here is 1/2 F . U).
 
     Args:
@@ -127,7 +127,7 @@ def family_response(
 ) -> FamilyResponse:
     """Compliance and reactions of every frame in its shape, and the loop stiffness of every shape.
 
-    For each shape one factorisation, 12 solves for its loops, and as many for loads as it has frames, but no
+    For each shape one factorisation, 6 solves for its loops, and as many for loads as it has frames, but no
     more than 3 for a load pattern. Arguments and errors as in `shell_response`.
     """
     shares = _solve(modulus, family, load, True, thickness, solvers)
@@ -146,7 +146,7 @@ def family_compliance(
     thickness: Float[Tensor, " triangle"] | None = None,
     solvers: SolverPool | None = None,
 ) -> Float[Tensor, " frame"]:
-    """Compliance of every frame in its shape alone [N*mm]; spares each shape the 12 solves for its loops."""
+    """Compliance of every frame in its shape alone [N*mm]; spares each shape the 6 solves for its loops."""
     shares = _solve(modulus, family, load, False, thickness, solvers)
     return _in_order([_compliance(share) for share in shares], shares)
 
@@ -157,7 +157,7 @@ def family_stiffness(
     thickness: Float[Tensor, " triangle"] | None = None,
     solvers: SolverPool | None = None,
 ) -> Float[Tensor, "shape 12 12"]:
-    """Loop stiffness K_c of every shape alone [N/mm, N, N*mm/rad]; 12 solves for each."""
+    """Loop stiffness K_c of every shape alone [N/mm, N, N*mm/rad]; 6 solves for each."""
     nothing = torch.zeros((0, len(family.shells[0].vertices), 3), dtype=torch.float64)
     loads = [nothing] * len(family.shells)
     solved = condense_shells(modulus, family.shells, loads, True, thickness, solvers)
@@ -170,7 +170,7 @@ def loop_stiffness(
     thickness: Float[Tensor, " triangle"] | None = None,
     solvers: SolverPool | None = None,
 ) -> Float[Tensor, "12 12"]:
-    """The loop stiffness K_c of one shell [N/mm, N, N*mm/rad]; 12 solves. For posed shapes see `pose_shell`.
+    """The loop stiffness K_c of one shell [N/mm, N, N*mm/rad]; 6 solves. For posed shapes see `pose_shell`.
 
     Raises:
         SolverError: The modulus is not positive and finite, or the stiffness is singular.

@@ -193,6 +193,11 @@ class OptimizeSettings(Section):
     passive_axial_nm_per_deg: float = Field(
         default=1.5, gt=0, description="assumed passive stiffness of the joint, axial; a knee's"
     )
+    muscle_stiffness: Literal["direct", "coupled", "none"] = Field(
+        default="direct",
+        description="what the muscles' tension adds to the joint's stiffness: about each angle by itself, "
+        "also between the angles as muscles of constant activation couple them, or nothing",
+    )
     checkpoint_every: int = Field(default=5, ge=1, description="iterations between checkpoints")
 
 

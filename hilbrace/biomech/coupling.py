@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hilbrace.biomech.joint_loads import JointLoads
+from hilbrace.errors import ConfigError
 
 Array = np.ndarray
 
@@ -27,6 +28,9 @@ SLACK_SHARE = 0.05
 DAMPING_RATIO = 0.3
 """Damping ratio of the joint [-], an assumption. Zhang and Wang 2001 (J Biomech 34:1107) find the ratio of
 the knee's frontal motion constant over muscle contraction, so that it holds for every stiffness."""
+
+_PARTS = {"direct": np.eye(3), "coupled": np.ones((3, 3)), "none": np.zeros((3, 3))}
+"""Entries of the muscles' stiffness that each kind keeps."""
 
 
 def short_range_stiffness(
@@ -52,25 +56,38 @@ def short_range_stiffness(
     return fibre * tendon / (fibre + tendon)
 
 
-def muscle_stiffness(loads: JointLoads, joint: str) -> Float[Array, "frame 3 3"]:
+def muscle_stiffness(loads: JointLoads, joint: str, kind: str = "coupled") -> Float[Array, "frame 3 3"]:
     """What the muscles add to the stiffness of a joint about its three angles [N*m/rad].
 
     ``R diag(k) R^T`` of their short-range stiffnesses k and moment arms R, and the geometric part, by which
     moment arms change. The sum is freed of negative eigenvalues: a joint that its muscles alone would let
     buckle is held by what the passive stiffness stands for.
 
+    Muscles of constant activation couple the angles: the knee that a sleeve hinders in flexion would turn in
+    adduction by more than the sleeve's frontal stiffness turns it back. People restore their flexion by
+    activation instead, so that ``"direct"`` leaves these terms out.
+
     Args:
         loads: Tensions, moment arms and geometric stiffness; without muscles the result is zero.
         joint: One of the record's joints.
+        kind: ``"coupled"`` for the whole matrix, ``"direct"`` for its diagonal, ``"none"`` for nothing.
+
+    Raises:
+        ConfigError: There is no such kind.
     """
+    if kind not in _PARTS:
+        raise ConfigError(
+            f"no such muscle stiffness: {kind!r}",
+            where="optimize.muscle_stiffness",
+            hint=f"use {', '.join(_PARTS)}",
+        )
     at = loads.joints.index(joint)
     along = short_range_stiffness(
         loads.muscle_force, loads.muscle_max_force, loads.muscle_optimal_length, loads.muscle_slack_length
     )
     arms = loads.muscle_arms[:, at]
-    return nearest_semidefinite(
-        np.einsum("fim,fm,fjm->fij", arms, along, arms) + loads.geometric_stiffness[:, at]
-    )
+    whole = np.einsum("fim,fm,fjm->fij", arms, along, arms) + loads.geometric_stiffness[:, at]
+    return nearest_semidefinite(whole) * _PARTS[kind]
 
 
 def nearest_semidefinite(matrices: Float[Array, "frame 3 3"]) -> Float[Array, "frame 3 3"]:

@@ -63,7 +63,11 @@ class JointMotion:
 
 
 def joint_motion(
-    loads: JointLoads, joint: str, passive_nm_per_deg: tuple[float, float, float], rate_hz: float = RATE_HZ
+    loads: JointLoads,
+    joint: str,
+    passive_nm_per_deg: tuple[float, float, float],
+    muscles: str = "direct",
+    rate_hz: float = RATE_HZ,
 ) -> JointMotion:
     """Take one joint out of the loads, on an even clock.
 
@@ -71,6 +75,7 @@ def joint_motion(
         loads: Kinematics of the recording.
         joint: Name of the joint, e.g. ``knee_l``.
         passive_nm_per_deg: Passive stiffness about the three angles [N*m/deg].
+        muscles: What the muscles add, see `hilbrace.biomech.coupling.muscle_stiffness`.
         rate_hz: Rate of the clock [Hz].
 
     Raises:
@@ -85,17 +90,17 @@ def joint_motion(
     time = np.linspace(loads.time[0], loads.time[-1], count)
     moved = resampling(loads.time, time)
     passive = np.diag(np.asarray(passive_nm_per_deg) / DEG)
-    angles, inertia, muscles, jacobian = (
+    angles, inertia, added, jacobian = (
         np.tensordot(moved, values, axes=1)
         for values in (
             loads.angles[:, index],
             loads.inertia[:, index],
-            muscle_stiffness(loads, joint),
+            muscle_stiffness(loads, joint, muscles),
             loads.distal_jacobian[:, index],
         )
     )
-    damping = proportional_damping(inertia, passive + muscles)
-    arrays = (time, angles, inertia, damping, passive + muscles, jacobian)
+    damping = proportional_damping(inertia, passive + added)
+    arrays = (time, angles, inertia, damping, passive + added, jacobian)
     return JointMotion(*map(torch.from_numpy, arrays))
 
 

@@ -77,7 +77,8 @@ def _largest(
 ) -> Float[Array, "coupling 3"]:
     """Largest change of each angle when the joint's passive frontal stiffness is another."""
     sagittal, _, axial = passive_stiffness(problem.settings)
-    motion = joint_motion(loads, problem.domain.joint, (sagittal, frontal_nm_per_deg, axial))
+    passive = (sagittal, frontal_nm_per_deg, axial)
+    motion = joint_motion(loads, problem.domain.joint, passive, problem.settings.muscle_stiffness)
     other = replace(problem, motion=motion)
     every: list[Prediction] = [couple(other, modulus, response) for couple in COUPLINGS.values()]
     to_frames = _to_frames(problem)

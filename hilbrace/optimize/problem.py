@@ -140,7 +140,7 @@ def build_problem(
         limits=(pattern.min_strut_mm, pattern.min_slit_mm),
         blend_mm=pattern.blend_mm,
         unit_energy=torch.from_numpy(worst_energy_density(domain.deformation, material.poisson)),
-        motion=joint_motion(loads, domain.joint, passive_stiffness(settings)),
+        motion=joint_motion(loads, domain.joint, passive_stiffness(settings), settings.muscle_stiffness),
         preserve=tuple(map(ANGLES[kind].index, preserve)),
         prevent=tuple(map(ANGLES[kind].index, prevent)),
         postures=_postures(loads, domain, rest),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hilbrace.biomech.coupling import (
@@ -35,6 +35,7 @@ def test_an_idle_muscle_adds_nothing_and_a_tendon_that_cannot_stretch_leaves_the
     np.testing.assert_allclose(stiff, 23.4 * 500.0 / 0.08, rtol=1e-9)
 
 
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000), st.floats(0.05, 1.0))
 def test_every_mode_has_the_damping_ratio(seed, ratio):
     """``C`` is diagonal in the modes of (K, M), with ``2 ratio omega`` each; scipy's modes are the oracle."""
@@ -52,6 +53,7 @@ def test_the_damping_of_one_axis_is_the_textbook_one():
     np.testing.assert_allclose(proportional_damping(mass, spring)[0], expected, atol=1e-12)
 
 
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000))
 def test_the_nearest_semidefinite_matrix_is_one_and_no_farther_than_others(seed):
     rng = np.random.default_rng(seed)

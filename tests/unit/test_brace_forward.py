@@ -69,7 +69,7 @@ def _without_brace_and_with(walk: Walk, frontal: float) -> tuple[np.ndarray, np.
     """Adduction and rotation by OpenSim and by the linear response [rad]."""
     loads, k = walk.loads, walk.joint
     brace = np.array([frontal, ROTATION_SHARE * frontal]) / DEG
-    motion = joint_motion(loads, f"knee_{walk.side}", (PINNED_NM_PER_DEG, *PASSIVE_NM_PER_DEG), 200.0)
+    motion = joint_motion(loads, f"knee_{walk.side}", (PINNED_NM_PER_DEG, *PASSIVE_NM_PER_DEG), "none", 200.0)
     drag = torch.diag(torch.tensor([0.0, *VISCOSITY], dtype=torch.float64))
     motion = replace(motion, damping=drag.expand_as(motion.damping))
     stiffness = torch.diag(torch.tensor([0.0, *brace], dtype=torch.float64))

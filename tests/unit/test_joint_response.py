@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hilbrace.biomech.coupling import DAMPING_RATIO, proportional_damping
+from hilbrace.errors import ConfigError
 from hilbrace.optimize.joint_response import (
     JointMotion,
     angle_change,
@@ -79,6 +80,7 @@ def test_a_brace_without_end_pins_the_joint_at_its_rest_angle():
     np.testing.assert_allclose([left[0] / left[1], left[1] / left[2]], 10.0, rtol=0.2)
 
 
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000), st.floats(0.1, 50.0))
 def test_a_slow_motion_is_the_static_balance_at_every_instant(seed, size):
     """Any brace and any joint stiffness: with a hundredth of the inertia's rates the path is quasi-static."""
@@ -169,7 +171,7 @@ def test_passive_stiffness_is_converted_once_and_muscles_add_to_it():
     np.testing.assert_allclose(diagonal, np.tile(PASSIVE, (len(diagonal), 1)))
     frames = len(loads.time)
     arms = np.zeros((frames, 4, 3, 1))
-    arms[:, :, 1, 0] = 0.03
+    arms[:, :, :2, 0] = 0.04, 0.03
     pulling = replace(
         loads,
         muscle_names=("medial",),
@@ -181,11 +183,18 @@ def test_passive_stiffness_is_converted_once_and_muscles_add_to_it():
         muscle_pull=np.zeros((frames, 4, 1, 3)),
         muscle_arms=arms,
     )
-    stiffer = joint_motion(pulling, "knee_l", PASSIVE).stiffness - motion.stiffness
     fibre, tendon = 23.4 * 400.0 / 0.1, 1.375 / 0.049 * 400.0 / 0.2
-    expected = np.zeros((3, 3))
-    expected[1, 1] = 0.03**2 / (1 / fibre + 1 / tendon)
-    np.testing.assert_allclose(stiffer[5].numpy(), expected, atol=1e-10)
+    along = 1 / (1 / fibre + 1 / tendon)
+    expected = {
+        "coupled": along * np.outer([0.04, 0.03, 0.0], [0.04, 0.03, 0.0]),
+        "direct": along * np.diag([0.04**2, 0.03**2, 0.0]),
+        "none": np.zeros((3, 3)),
+    }
+    for kind, stiffness in expected.items():
+        stiffer = joint_motion(pulling, "knee_l", PASSIVE, kind).stiffness - motion.stiffness
+        np.testing.assert_allclose(stiffer[5].numpy(), stiffness, atol=1e-10)
+    with pytest.raises(ConfigError, match="'all'"):
+        joint_motion(pulling, "knee_l", PASSIVE, "all")
 
 
 def test_stiffness_is_linear_between_postures_and_flat_outside():

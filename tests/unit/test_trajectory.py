@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hilbrace.optimize.trajectory import trajectory
@@ -35,6 +35,7 @@ def steady(matrix: torch.Tensor, frames: int) -> torch.Tensor:
     return matrix.expand(frames, 3, 3)
 
 
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000), st.integers(2, 12))
 def test_the_gradient_of_every_input_is_that_of_finite_differences(seed, frames):
     inputs = [tensor.requires_grad_() for tensor in system(frames, seed)]
@@ -59,6 +60,7 @@ def test_the_gradient_of_every_input_is_that_of_finite_differences(seed, frames)
         assert float((gradient * direction).sum()) == pytest.approx(slope, rel=1e-6, abs=1e-8 * scale)
 
 
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000))
 def test_a_steady_torque_is_the_static_limit(seed):
     mass, drag, spring, torque = system(1, seed)
@@ -74,6 +76,7 @@ def test_a_steady_torque_is_the_static_limit(seed):
     np.testing.assert_allclose(found.numpy(), expected.expand(frames, 3).numpy(), rtol=1e-8, atol=1e-12)
 
 
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000))
 def test_no_torque_moves_nothing_and_the_path_is_linear_in_the_torque(seed):
     mass, drag, spring, torque = system(20, seed)
@@ -82,6 +85,7 @@ def test_no_torque_moves_nothing_and_the_path_is_linear_in_the_torque(seed):
     np.testing.assert_allclose(thrice.numpy(), 3.0 * once.numpy(), rtol=1e-9, atol=1e-15)
 
 
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000))
 def test_energy_is_kept_without_damping_and_lost_with_it(seed):
     """After the torque stops, kinetic plus elastic energy of the average-acceleration rule is constant."""

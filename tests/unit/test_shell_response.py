@@ -236,7 +236,7 @@ def test_taylor_remainder_falls_with_the_square_of_the_step(output):
         abs((loss(modulus + h * direction) - start - h * gradient @ direction).item()) for h in steps
     ]
     slope = np.polyfit(np.log(steps), np.log(remainder), 1)[0]
-    assert slope == pytest.approx(2.0, abs=0.15)
+    assert slope == pytest.approx(2.0, abs=0.1)
 
 
 def test_gradient_of_a_p_norm_through_all_outputs():

@@ -26,8 +26,8 @@ Array = np.ndarray
 BACKENDS = ("pardiso", "scipy", "cholespy")
 """All backends, the preferred first.
 
-On 10 000 triangles a new matrix with 15 (57) right-hand sides takes one core 85 (130) ms by pardiso, 390
-(550) ms by scipy and 450 (580) ms by cholespy.
+On 10 000 triangles a new matrix with 15 (57) right-hand sides takes one core 95 (145) ms by pardiso, 350
+(500) ms by scipy and 450 (580) ms by cholespy; two cores take 55 (90) ms by pardiso.
 """
 
 

@@ -25,7 +25,7 @@ from tests.unit.shell_cases import tube
 
 SHELL = build_shell(*tube(10, 5, 30.0, 80.0, waviness=0.1), 4.0, 0.45)
 SPARSITY = SHELL.numbering.sparsity
-BRACE = build_shell(*tube(36, 32, 60.0, 300.0, waviness=0.1, window=True), 4.0, 0.45)
+BRACE = build_shell(*tube(28, 24, 60.0, 300.0, waviness=0.1, window=True), 4.0, 0.45)
 
 needs_pardiso = pytest.mark.skipif(
     "pardiso" not in available_backends(), reason="needs oneMKL: pip install 'hilbrace[mkl]'"

@@ -73,9 +73,9 @@ def with_muscles(
         contact.crossing(paths["pulls"][:, k], loads.distal_rotation[:, k], centres[:, k])
         for k in range(len(loads.joints))
     ]
+    crossed = [bool(np.any(part.pull)) for part in across]
     if settings.kneecap == "lever":
         across = _through_kneecaps(loads, across, paths["arms"], rows)
-    crossed = [bool(np.any(part.pull)) for part in across]
     _check_literal(loads, crossed)
     surfaces = {
         joint: (across[k], loads.acting_force[:, k], loads.acting_moment[:, k])

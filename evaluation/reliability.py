@@ -60,7 +60,7 @@ def intraclass_correlation(scores: Float[Array, "target repeat"]) -> IntraclassC
     )
 
 
-def standard_error_of_measurement(groups: list[Float[Array, " repeat"]]) -> float:
+def standard_error_of_measurement(groups: list[Float[Array, " _"]]) -> float:
     """Pooled standard deviation between repeats of the same condition.
 
     With as many repeats in every condition it equals ``SD sqrt(1 - ICC(1,1))`` for an SD that counts between

@@ -161,7 +161,7 @@ def _usable(conditions: list[list[Repeat]], names: tuple[str, ...]) -> tuple[lis
     return usable, left_out
 
 
-def _reliability(groups: list[Float[Array, " repeat"]]) -> Reliability:
+def _reliability(groups: list[Float[Array, " _"]]) -> Reliability:
     error = standard_error_of_measurement(groups)
     repeats = min(len(group) for group in groups)
     correlation = None

@@ -32,7 +32,7 @@ MEMORY_LIMIT_BYTES = 4 * 2**30
 START_SECONDS = 60.0
 """Longest time for the reading process to start on a busy computer."""
 
-SECONDS_PER_FILE = 5.0
+SECONDS_PER_FILE = 3.5
 BYTES_PER_SECOND = 5e6
 """A file may take `SECONDS_PER_FILE`, and as much longer as its length at this rate."""
 

@@ -31,7 +31,7 @@ from hilbrace.shell.element import NODE_DOFS
 from hilbrace.shell.loops import LOOP_DOFS
 from hilbrace.shell.maps import field_energies, field_forces
 from hilbrace.shell.model import ShellModel, thicken_shell, thickness_slopes
-from hilbrace.shell.pool import SolverPool, open_pool
+from hilbrace.shell.pool import SolverPool, open_pool, side_by_side
 from hilbrace.shell.solver import Solver
 
 Array = np.ndarray
@@ -147,7 +147,6 @@ class _Condense(torch.autograd.Function):
             answers = pool.run([partial(job, shell, load) for shell, load in pairs])
         plan.solved.extend((shell, state.fields[:, : plan.modes]) for shell, state in answers)
         ctx.plan, ctx.modulus, ctx.answers = plan, numbers, answers
-        ctx.variable = thickness is not None
         return tuple(
             torch.from_numpy(part)
             for _, state in answers
@@ -159,7 +158,7 @@ class _Condense(torch.autograd.Function):
     def backward(ctx: Any, *grad_outputs: Any) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
         wants_modulus, wants_thickness, _, *wants_loads = ctx.needs_input_grad
 
-        def job(k: int, solver: Solver) -> _Gradient:
+        def job(k: int, solver: Solver | None) -> _Gradient:
             shell, state = ctx.answers[k]
             return _pull_back(
                 shell,
@@ -171,8 +170,11 @@ class _Condense(torch.autograd.Function):
             )
 
         jobs = [partial(job, k) for k in range(len(ctx.answers))]
-        with _borrow(ctx.plan.solvers, ctx.plan.shells[0]) as pool:
-            parts = pool.run(jobs)
+        if all(gradient is None for gradient in grad_outputs[3::4]):
+            parts = side_by_side([partial(job, None) for job in jobs], _threads(ctx.plan.solvers))
+        else:
+            with _borrow(ctx.plan.solvers, ctx.plan.shells[0]) as pool:
+                parts = pool.run(jobs)
         return (
             _total([part.modulus for part in parts]),
             _total([part.thickness for part in parts]),
@@ -225,11 +227,11 @@ def _pull_back(
     modulus: Float[Array, " triangle"],
     weights: Weights,
     wanted: tuple[bool, bool, bool],
-    solver: Solver,
+    solver: Solver | None,
 ) -> _Gradient:
-    """Gradient of a loss by the modulus, the thickness and the loads of one shell."""
+    """Gradient of a loss by modulus, thickness and loads of one shell; losses on U need a solver."""
     adjoint = None
-    if weights.displacements is not None:
+    if weights.displacements is not None and solver is not None:
         adjoint = follow_displacements(shell, modulus, weights.displacements, solver)
     by_modulus = by_thickness = on_vertices = None
     if wanted[0]:
@@ -265,6 +267,10 @@ def _on_dofs(loads: Float[Tensor, "load vertex 3"]) -> Float[Array, "dof load"]:
     out = np.zeros((count, vertices, NODE_DOFS))
     out[:, :, :3] = loads.detach().numpy()
     return out.reshape(count, NODE_DOFS * vertices).T
+
+
+def _threads(solvers: SolverPool | None) -> int:
+    return torch.get_num_threads() if solvers is None else solvers.threads
 
 
 @contextmanager

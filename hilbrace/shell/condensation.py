@@ -103,19 +103,18 @@ def condense(
         SolverError: The stiffness is not positive definite.
     """
     stiffness = stiffness_of(shell, modulus)
-    on_free = loads.T[:, shell.numbering.free].T
-    lower = modes // 2
-    rhs = np.empty((len(on_free), lower + loads.shape[1]), order="F")
+    count, lower = loads.shape[1], modes // 2
+    rhs = np.empty((len(shell.numbering.free), lower + count), order="F")
     rhs[:, :lower] = -stiffness.coupling[:, lower:modes]
-    rhs[:, lower:] = on_free
-    fields = np.empty((len(on_free), modes + loads.shape[1]), order="F")
+    np.take(loads.T, shell.numbering.free, axis=1, out=rhs[:, lower:].T, mode="clip")
+    fields = np.empty((len(rhs), modes + count), order="F")
     fields[:, lower:] = solver.factor(stiffness.values).solve(rhs)
     if modes:
         fields[:, :lower] = shell.rigid - fields[:, lower:modes] @ carry_motion(shell.centres)
     free_modes, moves = fields[:, :modes], fields[:, modes:]
     coupling = stiffness.coupling[:, :modes]
     on_loops = shell.loop_motions[:, :modes].T @ loads[shell.clamped]
-    flexibility = on_free.T @ moves
+    flexibility = rhs[:, lower:].T @ moves
     ends = stiffness.ends[:modes, :modes] + coupling.T @ free_modes
     return Condensed(
         fields=fields,

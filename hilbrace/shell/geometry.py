@@ -10,9 +10,8 @@ compliance is off by 61 % on average if it keeps its rest shape, 5 shapes leave 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -20,6 +19,7 @@ from jaxtyping import Float, Int
 
 from hilbrace.errors import ConfigError, GeometryError
 from hilbrace.shell.model import ShellModel, pose_shell
+from hilbrace.shell.pool import side_by_side
 
 Array = np.ndarray
 
@@ -101,7 +101,7 @@ def shell_family(
         chosen, shape_of_frame = np.arange(frames), np.arange(frames)
     else:
         chosen, shape_of_frame = cluster_frames(posed, mode.clusters)
-    shells = _side_by_side(lambda frame: _posed(rest, posed[frame], frame), chosen.tolist(), threads)
+    shells = side_by_side([partial(_posed, rest, posed[frame], frame) for frame in chosen.tolist()], threads)
     return ShellFamily(tuple(shells), shape_of_frame)
 
 
@@ -167,10 +167,3 @@ def _posed(rest: ShellModel, vertices: Float[Array, "vertex 3"], frame: int) -> 
         return pose_shell(rest, vertices)
     except GeometryError as fault:
         raise GeometryError(fault.what, where=f"frame {frame}, {fault.where}", hint=fault.hint) from fault
-
-
-def _side_by_side(build: Callable[[int], ShellModel], frames: list[int], threads: int) -> list[ShellModel]:
-    if threads == 1:
-        return [build(frame) for frame in frames]
-    with ThreadPoolExecutor(threads) as executor:
-        return list(executor.map(build, frames))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from queue import LifoQueue
 from typing import TypeVar
 
@@ -14,6 +15,14 @@ from hilbrace.shell.solver import Solver, open_solver
 from hilbrace.shell.symmetric import Sparsity
 
 Answer = TypeVar("Answer")
+
+
+def side_by_side(jobs: Sequence[Callable[[], Answer]], threads: int) -> list[Answer]:
+    """Do jobs on threads; their answers in the same order, whichever is done first."""
+    if threads == 1 or len(jobs) <= 1:
+        return [job() for job in jobs]
+    with ThreadPoolExecutor(min(threads, len(jobs))) as executor:
+        return list(executor.map(lambda job: job(), jobs))
 
 
 class SolverPool:
@@ -56,12 +65,12 @@ class SolverPool:
                 where="shell solver",
                 hint="keep the pool open until the last gradient is taken",
             )
-        if len(jobs) <= 1 or self.threads == 1:
-            return [self._with(self._one, job) for job in jobs]
-        while len(self._opened) <= min(self.threads, len(jobs)):
-            self._many.put(self._open(1))
-        with ThreadPoolExecutor(min(self.threads, len(jobs))) as executor:
-            return list(executor.map(lambda job: self._with(self._many, job), jobs))
+        idle = self._one
+        if len(jobs) > 1 and self.threads > 1:
+            idle = self._many
+            while len(self._opened) <= min(self.threads, len(jobs)):
+                idle.put(self._open(1))
+        return side_by_side([partial(self._with, idle, job) for job in jobs], self.threads)
 
     def close(self) -> None:
         """Give the memory of all solvers back; they are void from here on."""

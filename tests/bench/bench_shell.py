@@ -21,7 +21,7 @@ from typing import Any
 RESULTS = Path(__file__).parent / "results"
 ROOT = Path(__file__).parents[2]
 TASKS = ("pattern", "loads", "clusters:9", "frame")
-PEERS = ("spsolve", "splu", "torch_fem", "torch_fem_pardiso")
+PEERS = ("spsolve", "splu", "torch_fem", "torch_fem_scipy", "torch_fem_pardiso")
 GROWTH = (5000, 10_000, 20_000, 40_000, 80_000)
 VERSIONS = ("hilbrace", "numpy", "scipy", "torch", "mkl", "cholespy", "torch-fem", "pypardiso")
 

@@ -106,6 +106,43 @@ def acting_force(loads: JointLoads, joint: str) -> Figure:
     return figure
 
 
+def contact_force(loads: JointLoads, joint: str) -> Figure:
+    """What the bones press on each other, its compartments, and the muscles that press them together.
+
+    Empty but for a sentence where the model has no muscles.
+    """
+    figure = Figure(figsize=(8.6, 3.2), layout="constrained")
+    index, weight = loads.joints.index(joint), loads.body_mass_kg * GRAVITY
+    left, right = (figure.add_subplot(1, 2, place + 1) for place in (0, 1))
+    for axes, label in ((left, "contact force [BW]"), (right, "muscle force across the joint [BW]")):
+        axes.set(xlabel="time [s]", ylabel=label)
+        _quiet(axes)
+    force = loads.contact_force[:, index]
+    if not np.isfinite(force).any():
+        left.text(0.5, 0.5, "the model has no muscles here", ha="center", transform=left.transAxes, color=INK)
+        return figure
+    left.plot(loads.time, np.linalg.norm(force, axis=1) / weight, color=INK, linewidth=2.0, label="magnitude")
+    compartments = (("medial", loads.contact_medial), ("lateral", loads.contact_lateral))
+    for column, (name, values) in enumerate(compartments):
+        if np.isfinite(values[:, index]).any():
+            left.plot(loads.time, values[:, index] / weight, color=SERIES[column], label=name)
+    net = np.linalg.norm(loads.acting_force[:, index], axis=1) / weight
+    left.plot(loads.time, net, color="#9aa5ad", linestyle="--", label="acting force")
+    left.legend(frameon=False, fontsize=8)
+    for column, (name, tension) in enumerate(_strongest(loads, index, count=6)):
+        right.plot(loads.time, tension / weight, color=SERIES[column % len(SERIES)], label=name)
+    right.legend(frameon=False, fontsize=8, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    return figure
+
+
+def _strongest(loads: JointLoads, joint: int, count: int) -> list[tuple[str, Float[np.ndarray, " frame"]]]:
+    """Muscles across a joint with the largest peaks, largest first."""
+    across = np.abs(loads.muscle_pull[:, joint]).max(axis=(0, 2), initial=0.0) > 0.0
+    peaks = np.where(across, loads.muscle_force.max(axis=0, initial=0.0), -1.0)
+    order = [k for k in np.argsort(-peaks, kind="stable")[:count] if peaks[k] >= 0.0]
+    return [(loads.muscle_names[k], loads.muscle_force[:, k]) for k in order]
+
+
 def field_on_leg(domain: Domain, design: Design) -> Figure:
     """The design variable on the brace's surface from four sides."""
     norm = Normalize(0.0, 1.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 import trimesh
@@ -82,3 +84,33 @@ def test_lighter_meshes_stay_near_and_closed():
     closed = trimesh.Trimesh(light.vertices, light.triangles)
     assert closed.is_watertight
     assert np.abs(np.linalg.norm(light.vertices, axis=1) - 60.0).max() < 2 * TOLERANCE_MM
+
+
+def test_the_contact_figure_shows_parts_and_the_strongest_muscles_or_says_that_there_are_none():
+    loads = knee_loads()
+    left, right = figures.contact_force(loads, "knee_l").axes
+    assert "no muscles" in left.texts[0].get_text()
+    frames, joint = len(loads.time), loads.joints.index("knee_l")
+    pull = np.zeros((frames, len(loads.joints), 2, 3))
+    pull[:, joint, 1, 1] = 1.0
+    force = np.zeros((frames, len(loads.joints), 3))
+    force[:, joint, 1] = -1000.0
+    half = np.full((frames, len(loads.joints)), 500.0)
+    with_muscles = dataclasses.replace(
+        loads,
+        muscle_names=("soleus_l", "vasti_l"),
+        muscle_max_force=np.ones(2),
+        muscle_optimal_length=np.ones(2),
+        muscle_slack_length=np.ones(2),
+        muscle_activation=np.ones((frames, 2)),
+        muscle_force=np.full((frames, 2), 300.0),
+        muscle_arms=np.zeros((frames, len(loads.joints), 3, 2)),
+        muscle_pull=pull,
+        contact_force=force,
+        contact_medial=half,
+        contact_lateral=half,
+    )
+    left, right = figures.contact_force(with_muscles, "knee_l").axes
+    shown = {line.get_label() for line in left.lines}
+    assert {"magnitude", "medial", "lateral", "acting force"} <= shown
+    assert [line.get_label() for line in right.lines] == ["vasti_l"]

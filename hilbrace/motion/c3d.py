@@ -11,7 +11,7 @@ import sys
 import threading
 import zipfile
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -20,7 +20,8 @@ import numpy as np
 from jaxtyping import Float
 
 from hilbrace.errors import InputError
-from hilbrace.motion.c3d_header import C3DHeader, check_c3d
+from hilbrace.motion.c3d_header import MIPS, C3DHeader, check_c3d
+from hilbrace.motion.c3d_plain import read_plain
 from hilbrace.motion.force_plates import DRIFT_N, PlateForces
 from hilbrace.motion.opensim_files import MarkerTable
 
@@ -86,6 +87,11 @@ class C3DReader:
             InputError: The file is missing, cut short or damaged, or contradicts itself.
         """
         header = check_c3d(path)
+        oddity = _oddity(header)
+        if oddity:
+            recording = _recording(read_plain(path, header), header, path)
+            note = f"{path.name} {oddity}: force plates are not read."
+            return replace(recording, notes=(*recording.notes, note))
         process = self._running()
         request = json.dumps(str(path.resolve())).encode() + b"\n"
         seconds = SECONDS_PER_FILE + path.stat().st_size / BYTES_PER_SECOND
@@ -138,6 +144,18 @@ def read_c3d(path: Path) -> C3DRecording:
     """
     with C3DReader() as reader:
         return reader.read(path)
+
+
+def _oddity(header: C3DHeader) -> str:
+    """Why ezc3d cannot read a file right; nothing if it can.
+
+    It refuses files of SGI computers, and takes analog values without channels or rate for points.
+    """
+    if header.processor == MIPS:
+        return "was written by an SGI computer"
+    if not header.analog_described:
+        return "stores analog values of no channel or rate"
+    return ""
 
 
 def _ask(process: subprocess.Popen[bytes], request: bytes, seconds: float) -> tuple[bytes | None, bool]:

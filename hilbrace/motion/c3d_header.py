@@ -29,6 +29,8 @@ class C3DHeader:
         analog_per_frame: Samples of each analog channel per frame of markers.
         analog_values: Analog values per frame of markers, all channels together.
         expected_bytes: Length of the file up to its last frame.
+        processor: Byte order and number format: 84 (Intel), 85 (DEC) or 86 (MIPS, as in SGI computers).
+        analog_described: The parameters give the analog values' channels and rate, or there are no values.
     """
 
     points: int
@@ -36,6 +38,8 @@ class C3DHeader:
     analog_per_frame: int
     analog_values: int
     expected_bytes: int
+    processor: int
+    analog_described: bool
 
 
 def check_c3d(path: Path) -> C3DHeader:
@@ -47,9 +51,11 @@ def check_c3d(path: Path) -> C3DHeader:
     content = _bytes(path)
     if len(content) < 2 * BLOCK or content[1] != KEY or content[0] < 2:
         raise InputError("not a C3D file", where=str(path), hint="choose a C3D file; its second byte is 0x50")
-    parameters = _parameters(content, path)
-    points, values, first, last = struct.unpack_from("<4H", content, 2)
-    data_start, per_frame = struct.unpack_from("<2H", content, 16)
+    processor = _processor(content, path)
+    order = byte_order(processor)
+    parameters = _parameters(content, processor)
+    points, values, first, last = struct.unpack_from(order + "4H", content, 2)
+    data_start, per_frame = struct.unpack_from(order + "2H", content, 16)
     frames = _frames(first, last, parameters, path)
     _same("points", points, parameters.get("POINT:USED"), path)
     channels = parameters.get("ANALOG:USED", 0)
@@ -59,7 +65,7 @@ def check_c3d(path: Path) -> C3DHeader:
         )
     if points == 0 or data_start < content[0]:
         raise _contradiction(f"{points} points from block {data_start} on", path)
-    width = 4 if _negative_scale(content) else 2
+    width = 4 if holds_floats(content, processor) else 2
     expected = (data_start - 1) * BLOCK + frames * (4 * points + values) * width
     padded = -(-expected // BLOCK) * BLOCK
     if len(content) < padded and len(content) != expected:
@@ -75,7 +81,19 @@ def check_c3d(path: Path) -> C3DHeader:
             where=str(path),
             hint="export the recording in parts of less than 65536 frames",
         )
-    return C3DHeader(points, frames, per_frame, values, expected)
+    described = not values or bool(channels and parameters.get("ANALOG:RATE"))
+    return C3DHeader(points, frames, per_frame, values, expected, processor, described)
+
+
+def byte_order(processor: int) -> str:
+    """Sign of `struct` for the byte order of a processor."""
+    return ">" if processor == MIPS else "<"
+
+
+def holds_floats(content: bytes, processor: int) -> bool:
+    """Whether the data are floats: POINT:SCALE in the header is negative."""
+    sign_at = {INTEL: 15, DEC: 13, MIPS: 12}[processor]
+    return bool(content[sign_at] & 0x80)
 
 
 def _bytes(path: Path) -> bytes:
@@ -87,12 +105,6 @@ def _bytes(path: Path) -> bytes:
         raise InputError(
             f"cannot be read: {fault.strerror}", where=str(path), hint="check the path"
         ) from None
-
-
-def _negative_scale(content: bytes) -> bool:
-    """Whether data are floats: the sign bit of POINT:SCALE, in either byte order of the mantissa."""
-    processor = content[(content[0] - 1) * BLOCK + 3]
-    return bool(content[13 if processor == DEC else 15] & 0x80)
 
 
 def _frames(first: int, last: int, parameters: dict[str, int], path: Path) -> int:
@@ -117,20 +129,19 @@ def _contradiction(detail: str, path: Path) -> InputError:
     )
 
 
-def _parameters(content: bytes, path: Path) -> dict[str, int]:
-    """Whole-number parameters by ``GROUP:NAME`` (those that count things)."""
+def _processor(content: bytes, path: Path) -> int:
     start = (content[0] - 1) * BLOCK
     if start + 4 > len(content):
         raise InputError("cut short before the parameters", where=str(path), hint="copy the file again")
     processor = content[start + 3]
-    if processor == MIPS:
-        raise InputError(
-            "written by an SGI computer",
-            where=str(path),
-            hint="convert it to the Intel format with Mokka or Nexus",
-        )
-    if processor not in (INTEL, DEC):
+    if processor not in (INTEL, DEC, MIPS):
         raise _contradiction(f"unknown processor type {processor}", path)
+    return processor
+
+
+def _parameters(content: bytes, processor: int) -> dict[str, int]:
+    """Whole-number parameters by ``GROUP:NAME`` (those that count things)."""
+    start, order = (content[0] - 1) * BLOCK, byte_order(processor)
     groups: dict[int, str] = {}
     entries: list[tuple[int, str, int]] = []
     position = start + 4
@@ -142,7 +153,7 @@ def _parameters(content: bytes, path: Path) -> dict[str, int]:
         offset_at = position + 2 + length
         if offset_at + 2 > len(content):
             break
-        offset = struct.unpack_from("<h", content, offset_at)[0]
+        offset = struct.unpack_from(order + "h", content, offset_at)[0]
         if group < 0:
             groups[-group] = name
         elif (value := _first_value(content, offset_at + 2, processor)) is not None:
@@ -165,18 +176,19 @@ def _first_value(content: bytes, at: int, processor: int) -> int | None:
     if size < 1 or data + 4 > len(content):
         return None
     if kind == 2:
-        words = struct.unpack_from("<2H", content, data)
+        words = struct.unpack_from(byte_order(processor) + "2H", content, data)
         return words[0] + (words[1] << 16 if size == 2 else 0)
     if kind == 4:
-        value = _float(content[data : data + 4], processor)
+        value = real(content[data : data + 4], processor)
         return int(value) if value == value and abs(value) < 2**31 else None
     return None
 
 
-def _float(raw: bytes, processor: int) -> float:
+def real(raw: bytes, processor: int) -> float:
+    """A number of four bytes in the format of a processor."""
     if processor == DEC:
         return struct.unpack("<f", raw[2:4] + raw[0:2])[0] / 4
-    return struct.unpack("<f", raw)[0]
+    return struct.unpack(byte_order(processor) + "f", raw)[0]
 
 
 def _int8(byte: int) -> int:

@@ -143,10 +143,16 @@ def test_the_readme_shows_the_committed_run():
     assert made in show_shell.README.read_text(), "make bench, or python -m tests.bench.show_shell"
 
 
-def test_the_verdict_names_what_had_to_wait():
+def test_a_run_beside_other_programs_says_so():
     run = json.loads(show_shell.JSON.read_text())
-    run["peers"][0]["cpu_per_wall"] = 0.2
-    assert run["peers"][0]["name"] in show_shell.verdict(run).splitlines()[-1]
+    for row in run["own"] + run["peers"]:
+        row["cpu_per_wall"] = 0.97
+    assert not show_shell.waited(run)
+    assert "Other programs" not in show_shell.section(run)
+    run["peers"][1]["cpu_per_wall"] = 0.4
+    assert show_shell.waited(run) == [run["peers"][1]["name"]]
+    assert "Other programs ran at the same time" in " ".join(show_shell.section(run).split())
+    assert run["peers"][1]["name"] in show_shell.verdict(run).splitlines()[-1]
 
 
 def test_the_readme_s_other_words_stay():

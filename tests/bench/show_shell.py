@@ -117,8 +117,8 @@ def _where(run: dict[str, Any]) -> str:
     versions = ", ".join(f"{name} {is_}" for name, is_ in machine["versions"].items() if is_)
     return _wrapped(
         f"Measured on {machine['date']} on {machine['cores']} cores of an {machine['processor']} with"
-        f" {machine['memory_gib']} GiB; Python {machine['python']}, {versions}.{busy} `make bench` measures anew"
-        " and rewrites this section."
+        f" {machine['memory_gib']} GiB; Python {machine['python']}, {versions}.{busy} `make bench`"
+        " measures anew and rewrites this section."
     )
 
 

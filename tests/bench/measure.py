@@ -60,9 +60,9 @@ def growth(backend: str, triangles: int) -> dict[str, Any]:
     )
     with open_solver(shell.numbering.sparsity, backend) as solver:
         factors: list[Any] = []
-        factor = times(lambda: factors.append(solver.factor(values)))
-        solve = times(lambda: factors[-1].solve(rhs))
-    iteration = times(own("loads", backend).start(brace))
+        factor = times(lambda: factors.append(solver.factor(values)), rounds=3)
+        solve = times(lambda: factors[-1].solve(rhs), rounds=3)
+    iteration = times(own("loads", backend).start(brace), rounds=3)
     return {
         "triangles": len(brace.triangles),
         "unknowns": len(shell.numbering.free),
@@ -74,18 +74,17 @@ def growth(backend: str, triangles: int) -> dict[str, Any]:
     }
 
 
-def times(iteration: Callable[[], Any]) -> list[float]:
-    """Seconds of up to five calls after the first, which warms up."""
+def times(iteration: Callable[[], Any], rounds: int = 5) -> list[float]:
+    """Seconds of so many calls after the first, which warms up; of fewer if they are long."""
     first = _seconds(iteration)
     seconds = [first] if first > LONG_S else [_seconds(iteration)]
-    while not _enough(seconds):
+    while len(seconds) < rounds and not _enough(seconds):
         seconds.append(_seconds(iteration))
     return seconds
 
 
 def _enough(seconds: list[float]) -> bool:
-    rounds, total = len(seconds), sum(seconds)
-    return rounds >= 5 or total > LONG_S or (rounds >= 3 and total > LONG_S / 2)
+    return sum(seconds) > LONG_S or (len(seconds) >= 3 and sum(seconds) > LONG_S / 2)
 
 
 def _seconds(iteration: Callable[[], Any]) -> float:

@@ -172,7 +172,8 @@ def _loads(
     pelvis = model.origins[:, figures.bodies.index("pelvis")]
     residual = pelvis_residual(segments, [_ground_reaction(trial, foot) for foot in trial.feet], pelvis)
     carried = unmeasured_support(residual.force, trial.mass_kg, trial.rate_hz)
-    judged = residual_figures(trial.time, residual, trial.ground_force.sum(axis=1), segments, carried)
+    ends = round(trial.rate_hz / (2.0 * cutoff_hz))
+    judged = residual_figures(trial.time, residual, trial.ground_force.sum(axis=1), segments, carried, ends)
     shape = (len(trial.time), len(JOINTS), 3)
     angles, force, moment = np.zeros(shape), np.empty(shape), np.empty(shape)
     axes, inertia, rotation = np.empty((*shape, 3)), np.empty((*shape, 3)), np.empty((*shape, 3))

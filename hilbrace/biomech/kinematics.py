@@ -114,7 +114,7 @@ def follow(
     start = facing(engine, figures, visible, measured[0, first], start)
     every = max(1, len(measured) // PROBED_FRAMES)
     probe = _fit(engine, tracked, measured[::every], start, fixed, {})
-    share = _share_of_skin(probe["errors"], tracked)
+    share = _share_of_skin(probe["errors"], tracked) if trial.static_marker_names else 1.0
     held = dict.fromkeys(softened, knee_hold * share)
     free = tuple(name for name in fixed if name not in held)
     fitted = _fit(engine, tracked, measured, start, free, held, progress)
@@ -162,7 +162,8 @@ def _share_of_skin(errors: Float[Array, "frame marker"], markers: PlacedMarkers)
     A hold of stiffness h stands for a normal prior of spread tau on the coordinate and an error sigma of the
     markers, h = (sigma / tau)^2. Markers on skin leave at least `SKIN_M`; what they hide in the rigid part
     of their motion cannot be seen in residuals, so that larger ones do not raise the hold. Markers that fit
-    much better sit on no skin (pins, phantoms, simulations), and are believed.
+    much better sit on no skin (pins, phantoms, simulations), and are believed. Markers that were placed in
+    the motion itself fit better than they should, and prove nothing.
     """
     legs = [k for k, body in enumerate(markers.bodies) if body.startswith(_LEG_BODIES)]
     known = errors[:, legs][np.isfinite(errors[:, legs])]

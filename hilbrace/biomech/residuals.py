@@ -71,6 +71,7 @@ def residual_figures(
     net_ground_force: Float[Array, "frame 3"],
     segments: Momenta,
     left_out: list[slice],
+    margin: int = 0,
 ) -> dict[str, float]:
     """RMS and peak of the residuals, when the peaks are, and the limits of Hicks et al. 2015.
 
@@ -80,6 +81,8 @@ def residual_figures(
         net_ground_force: Ground reactions of both feet together [N].
         segments: All segments; the floor is at height zero.
         left_out: Stretches that are not judged (`unmeasured_support`).
+        margin: Frames at both ends that are not judged either: filter and splines lack neighbours there, so
+            that accelerations are guesses.
 
     Returns:
         ``residual_force_rms_n``, ``residual_force_peak_n``, ``residual_force_peak_s``,
@@ -87,6 +90,7 @@ def residual_figures(
         number of frames judged; only this one where none is.
     """
     judged: Bool[Array, " frame"] = np.ones(len(time), bool)
+    judged[:margin] = judged[len(time) - margin :] = False
     for run in left_out:
         judged[run] = False
     if not judged.any():

@@ -178,6 +178,20 @@ class OptimizeSettings(Section):
     prevent: tuple[str, ...] | None = Field(
         default=None, description="angles to bring to zero, as above; the frontal one if left out"
     )
+    geometry: str = Field(
+        default="rest",
+        pattern="^(rest|frame|clusters:[1-9][0-9]{0,3})$",
+        description="shapes in which the frames' loads act: rest, clusters:k for the k that stand best for "
+        "all frames, or frame for one each (slow)",
+    )
+    skin_n_per_mm3: float = Field(
+        default=0.0,
+        ge=0,
+        description="stiffness of the skin that bears the loaded brace from inside [N/mm^3]; 0 is no skin",
+    )
+    solver: Literal["auto", "pardiso", "scipy", "cholespy"] = Field(
+        default="auto", description="library that solves the shell; the fastest installed if auto"
+    )
     load_share: float = Field(
         default=0.01, gt=0, le=1, description="share of the acting force that the brace carries [-]"
     )

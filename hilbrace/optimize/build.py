@@ -14,6 +14,7 @@ from torch import Tensor
 from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.config import MaterialSettings, OptimizeSettings, PatternSettings
 from hilbrace.domain.domain import Domain
+from hilbrace.optimize.brace_response import posture_stiffness
 from hilbrace.optimize.coupling import brace_spring
 from hilbrace.optimize.design import LOSSES, Design
 from hilbrace.optimize.evaluate import Material, design_variable, material_of
@@ -22,7 +23,7 @@ from hilbrace.optimize.predictions import PASSIVE_LEVELS, predict
 from hilbrace.optimize.problem import Problem, build_problem
 from hilbrace.run.progress import Report, silent
 from hilbrace.run.records import write_atomic
-from hilbrace.shell import loop_stiffness
+from hilbrace.shell import open_pool
 from hilbrace.units import DEG
 
 Array = np.ndarray
@@ -57,20 +58,23 @@ def optimize_design(
         SolverError: A loss is not finite.
     """
     problem = build_problem(loads, domain, settings, material, pattern)
-    state, firm, last, seconds = run_loop(problem, checkpoint, key, progress)
-    uniform = uniform_design(problem, last.material)
+    with open_pool(problem.shapes.shells[0].numbering.sparsity, settings.solver) as solvers:
+        state, firm, last, seconds = run_loop(problem, checkpoint, key, progress, solvers)
+        uniform = uniform_design(problem, last.material)
+        plain = posture_stiffness(problem, uniform.modulus, solvers)
+        solver = solvers.name
     response = last.mechanics.response
+    stiffness, stiffness_uniform = _per_degree(problem, response.loops), _per_degree(problem, plain)
     with torch.no_grad():
-        stiffness = _per_degree(problem, last.material, response.loop_stiffness)
-        plain = loop_stiffness(uniform.modulus, problem.postures[0].shell)
-        stiffness_uniform = _per_degree(problem, uniform, plain)
         theta, bias = torch.from_numpy(state.theta), torch.from_numpy(np.array(state.bias))
         d_vertex = design_variable(problem, problem.vertices, firm.vertices, theta, bias)
-    predicted = predict(problem, loads, last.material.modulus, response)
-    reactions = response.reactions.numpy()
+    predicted = predict(problem, loads, response)
+    reactions = response.frames.reactions.numpy()
     return Design(
         seed=settings.seed,
         iterations=state.iteration,
+        solver=solver,
+        shapes=len(problem.shapes.shells),
         parameters=state.theta,
         d_triangle=last.material.d.numpy(),
         d_vertex=d_vertex.numpy(),
@@ -133,11 +137,9 @@ def write_history_csv(design: Design, path: Path) -> None:
     write_atomic(path, text.getvalue().encode())
 
 
-def _per_degree(
-    problem: Problem, material: Material, rest: Float[Tensor, "12 12"]
-) -> Float[Array, "posture 3"]:
+def _per_degree(problem: Problem, loops: Float[Tensor, "posture 12 12"]) -> Float[Array, "posture 3"]:
     """Diagonal of the brace's stiffness about the joint's axes in each posture [N*m/deg]."""
-    spring = brace_spring(problem, material.modulus, rest)
+    spring = brace_spring(problem, loops)
     return torch.diagonal(spring.stiffness, dim1=1, dim2=2).numpy() * DEG
 
 

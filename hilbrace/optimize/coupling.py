@@ -22,6 +22,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from hilbrace.optimize.brace_response import BraceResponse
 from hilbrace.optimize.joint_response import (
     FLEXION,
     angle_change,
@@ -30,7 +31,7 @@ from hilbrace.optimize.joint_response import (
     stiffness_along,
 )
 from hilbrace.optimize.problem import Problem
-from hilbrace.shell import ShellModel, ShellResponse, joint_stiffness, loop_stiffness, wrenches_at
+from hilbrace.shell import ShellModel, family_wrenches_at, joint_stiffness
 from hilbrace.shell.loops import rotation_about
 from hilbrace.units import MM_PER_M
 
@@ -87,25 +88,19 @@ def contact_change(
     return -force, -(moment + torch.linalg.cross(arm.expand_as(force), force))
 
 
-def brace_spring(
-    problem: Problem, modulus: Float[Tensor, " triangle"], rest: Float[Tensor, "12 12"]
-) -> BraceSpring:
+def brace_spring(problem: Problem, loops: Float[Tensor, "posture 12 12"]) -> BraceSpring:
     """The brace's stiffness at the joint in every posture of the problem.
 
     Args:
         problem: The design task.
-        modulus: Young's modulus of the triangles [MPa].
-        rest: Loop stiffness in the rest shape, the first posture.
+        loops: Stiffness between the loops in every posture.
     """
-    loops = [rest, *(loop_stiffness(modulus, posture.shell) for posture in problem.postures[1:])]
     stiffness = [joint_stiffness(k, p.shell, p.axes) for k, p in zip(loops, problem.postures, strict=True)]
     pull = [_pull(k, p.shell, p.axes) for k, p in zip(loops, problem.postures, strict=True)]
     return BraceSpring(torch.stack(stiffness) / MM_PER_M, torch.stack(pull))
 
 
-def predict_by_stiffness(
-    problem: Problem, modulus: Float[Tensor, " triangle"], response: ShellResponse
-) -> Prediction:
+def predict_by_stiffness(problem: Problem, response: BraceResponse) -> Prediction:
     """Let the joint move against the brace's stiffness.
 
     The stiffness is a tangent about each posture. The joint feels it axis by axis: a coupling term times the
@@ -114,11 +109,10 @@ def predict_by_stiffness(
 
     Args:
         problem: The design task.
-        modulus: Young's modulus of the triangles [MPa].
-        response: The shell's response in the rest shape.
+        response: What the brace answers.
     """
     motion = problem.motion
-    spring = brace_spring(problem, modulus, response.loop_stiffness)
+    spring = brace_spring(problem, response.loops)
     flexions = torch.tensor([posture.flexion for posture in problem.postures], dtype=torch.float64)
     direct = torch.diag_embed(torch.diagonal(spring.stiffness, dim1=1, dim2=2))
     along = stiffness_along(motion.angles[:, FLEXION], flexions, direct)
@@ -131,20 +125,17 @@ def predict_by_stiffness(
     return Prediction(change, force, moment)
 
 
-def predict_by_reactions(
-    problem: Problem, modulus: Float[Tensor, " triangle"], response: ShellResponse
-) -> Prediction:
+def predict_by_reactions(problem: Problem, response: BraceResponse) -> Prediction:
     """Let the reactions of the loaded shell act on the bones (paper, Eq. 3 and Sec. 3.3.1).
 
     The reactions are known in the frames of the design and taken as linear between them.
 
     Args:
         problem: The design task.
-        modulus: Young's modulus of the triangles [MPa]; not used, the response says it all.
-        response: The shell's response to the acting force.
+        response: What the brace answers.
     """
     motion = problem.motion
-    held = wrenches_at(response.reactions, problem.postures[0].shell)
+    held = family_wrenches_at(response.frames.reactions, problem.shapes)
     clock = torch.from_numpy(resampling(problem.domain.time, motion.time.numpy()))
     lower = -(clock @ held[:, 6:])
     force, moment = lower[:, :3], lower[:, 3:] / MM_PER_M
@@ -152,7 +143,7 @@ def predict_by_reactions(
     return Prediction(change, force, moment)
 
 
-Coupling = Callable[[Problem, Tensor, ShellResponse], Prediction]
+Coupling = Callable[[Problem, BraceResponse], Prediction]
 
 COUPLINGS: dict[str, Coupling] = {"stiffness": predict_by_stiffness, "paper": predict_by_reactions}
 """The couplings by their names in ``optimize.coupling``, in the order of `hilbrace.optimize.design`."""

@@ -23,6 +23,8 @@ class Design:
     Attributes:
         seed: Seed of the run.
         iterations: Iterations done.
+        solver: Library that solved the shell.
+        shapes: Shapes in which the frames' loads acted.
         parameters: Free parameters of the field (the weights of the Gaussians before the hyperplane).
         d_triangle: Design variable at triangle centres, in [0, 1] [-].
         d_vertex: Design variable at the cut vertices [-].
@@ -58,6 +60,8 @@ class Design:
 
     seed: int
     iterations: int
+    solver: str
+    shapes: int
     parameters: Float[Array, "row column"]
     d_triangle: Float[Array, " triangle"]
     d_vertex: Float[Array, " cut_vertex"]

@@ -10,9 +10,10 @@ from torch import Tensor
 
 from hilbrace.field import project
 from hilbrace.optimize import losses
+from hilbrace.optimize.brace_response import BraceResponse, brace_response
 from hilbrace.optimize.coupling import COUPLINGS, Prediction
 from hilbrace.optimize.problem import Place, Problem, seam_pairs, width_limits
-from hilbrace.shell import ShellResponse, shell_response
+from hilbrace.shell import SolverPool
 
 CONTRAST = 2.0
 """Change of the sigmoid's argument when all neurons around a point change by one [-]."""
@@ -51,11 +52,11 @@ class Mechanics:
     """What a modulus does.
 
     Attributes:
-        response: Compliance, reactions and loop stiffness of the rest shape.
+        response: Compliance and reactions of every frame, and stiffness in every posture.
         prediction: What the brace does to the joint, by the coupling of the settings.
     """
 
-    response: ShellResponse
+    response: BraceResponse
     prediction: Prediction
 
 
@@ -108,14 +109,20 @@ def material_of(
     )
 
 
-def mechanics_of(problem: Problem, modulus: Float[Tensor, " triangle"]) -> Mechanics:
+def mechanics_of(
+    problem: Problem, modulus: Float[Tensor, " triangle"], solvers: SolverPool | None = None
+) -> Mechanics:
     """Solve the shell and let the joint respond, by the coupling of the settings."""
-    response = shell_response(modulus, problem.postures[0].shell, problem.load)
-    return Mechanics(response, COUPLINGS[problem.settings.coupling](problem, modulus, response))
+    response = brace_response(problem, modulus, solvers)
+    return Mechanics(response, COUPLINGS[problem.settings.coupling](problem, response))
 
 
 def evaluate(
-    problem: Problem, firm: Firmness, theta: Float[Tensor, "row column"], bias: Float[Tensor, ""]
+    problem: Problem,
+    firm: Firmness,
+    theta: Float[Tensor, "row column"],
+    bias: Float[Tensor, ""],
+    solvers: SolverPool | None = None,
 ) -> Evaluation:
     """Losses of a field.
 
@@ -124,10 +131,11 @@ def evaluate(
         firm: The firm and soft map.
         theta: Parameters of the field.
         bias: Level of the field.
+        solvers: Open solvers of the shell's sparsity; own ones if left out.
     """
     d = design_variable(problem, problem.triangles, firm.triangles, theta, bias)
     material = material_of(problem, d, firm.triangles)
-    mechanics = mechanics_of(problem, material.modulus)
+    mechanics = mechanics_of(problem, material.modulus, solvers)
     stability = losses.joint_stability(
         problem.motion.angles, mechanics.prediction.change, problem.preserve, problem.prevent
     )
@@ -136,7 +144,7 @@ def evaluate(
         [
             stability.loss,
             losses.elastic_energy(material.modulus, problem.unit_energy, problem.areas),
-            losses.compliance(mechanics.response.compliance, problem.settings.p_norm),
+            losses.compliance(mechanics.response.frames.compliance, problem.settings.p_norm),
             losses.volume(material.volume, problem.areas, problem.settings.volume_fraction),
             losses.seam(d_vertex, seam_pairs(problem.domain)),
         ]

@@ -26,6 +26,7 @@ from hilbrace.optimize.evaluate import CONTRAST, Evaluation, Firmness, evaluate,
 from hilbrace.optimize.problem import Problem, width_limits
 from hilbrace.run.progress import Report
 from hilbrace.run.records import load, save
+from hilbrace.shell import SolverPool
 
 Array = np.ndarray
 
@@ -67,7 +68,7 @@ class Progress:
 
 
 def run_loop(
-    problem: Problem, checkpoint: Path, key: str, report: Report
+    problem: Problem, checkpoint: Path, key: str, report: Report, solvers: SolverPool | None = None
 ) -> tuple[Progress, Firmness, Evaluation, float]:
     """Optimize, going on from a checkpoint of the same stage if there is one.
 
@@ -76,6 +77,7 @@ def run_loop(
         checkpoint: File for the checkpoints.
         key: Key of the stage.
         report: Called with (iterations done, iterations in all).
+        solvers: Open solvers of the shell's sparsity; own ones for every iteration if left out.
 
     Returns:
         The last state, its firm map and losses, and the median time of an iteration [s].
@@ -89,13 +91,13 @@ def run_loop(
     seconds: list[float] = []
     while state.iteration < settings.iterations:
         start = time.perf_counter()
-        state = _step(problem, firm, state)
+        state = _step(problem, firm, state, solvers)
         seconds.append(time.perf_counter() - start)
         if state.iteration % settings.checkpoint_every == 0:
             save(state, checkpoint)
         report(state.iteration, settings.iterations)
     with torch.no_grad():
-        last = evaluate(problem, firm, *_tensors(state))
+        last = evaluate(problem, firm, *_tensors(state), solvers)
         row, _ = _normalised(problem, last, state)
     closed = replace(state, history=np.concatenate([state.history, row.numpy()[None]]))
     return closed, firm, last, float(np.median(seconds)) if seconds else 0.0
@@ -160,10 +162,10 @@ def learning_rate(settings_rate: float, iteration: int, iterations: int) -> floa
     return settings_rate * (LAST_STEP + (1.0 - LAST_STEP) * 0.5 * (1.0 + math.cos(math.pi * share)))
 
 
-def _step(problem: Problem, firm: Firmness, state: Progress) -> Progress:
+def _step(problem: Problem, firm: Firmness, state: Progress, solvers: SolverPool | None) -> Progress:
     settings = problem.settings
     theta, bias = (tensor.requires_grad_() for tensor in _tensors(state))
-    evaluation = evaluate(problem, firm, theta, bias)
+    evaluation = evaluate(problem, firm, theta, bias, solvers)
     if not state.scales:
         state = replace(state, **_start(problem, evaluation))
     row, total = _normalised(problem, evaluation, state)

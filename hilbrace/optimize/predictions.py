@@ -8,16 +8,15 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.domain.domain import Domain
+from hilbrace.optimize.brace_response import BraceResponse
 from hilbrace.optimize.coupling import COUPLINGS, Prediction, contact_change
 from hilbrace.optimize.design import COUPLINGS as COUPLING_NAMES
 from hilbrace.optimize.design import Design
 from hilbrace.optimize.joint_response import joint_motion, resampling
 from hilbrace.optimize.problem import Problem, passive_stiffness
-from hilbrace.shell import ShellResponse
 from hilbrace.units import GRAVITY
 
 Array = np.ndarray
@@ -44,21 +43,18 @@ class Predictions:
     sensitivity: Float[Array, "level coupling 3"]
 
 
-def predict(
-    problem: Problem, loads: JointLoads, modulus: Float[Tensor, " triangle"], response: ShellResponse
-) -> Predictions:
+def predict(problem: Problem, loads: JointLoads, response: BraceResponse) -> Predictions:
     """Evaluate every coupling once.
 
     Args:
         problem: The design task.
         loads: The loads that it was made of.
-        modulus: Young's modulus of the triangles [MPa].
-        response: The shell's response in the rest shape.
+        response: What the brace answers.
     """
     with torch.no_grad():
-        every = [couple(problem, modulus, response) for couple in COUPLINGS.values()]
+        every = [couple(problem, response) for couple in COUPLINGS.values()]
         contacts = [contact_change(prediction.force, prediction.moment) for prediction in every]
-        sensitivity = [_largest(problem, loads, level, modulus, response) for level in PASSIVE_LEVELS]
+        sensitivity = [_largest(problem, loads, level, response) for level in PASSIVE_LEVELS]
     to_frames = _to_frames(problem)
     return Predictions(
         np.stack([to_frames @ prediction.change.numpy() for prediction in every]),
@@ -69,18 +65,14 @@ def predict(
 
 
 def _largest(
-    problem: Problem,
-    loads: JointLoads,
-    frontal_nm_per_deg: float,
-    modulus: Float[Tensor, " triangle"],
-    response: ShellResponse,
+    problem: Problem, loads: JointLoads, frontal_nm_per_deg: float, response: BraceResponse
 ) -> Float[Array, "coupling 3"]:
     """Largest change of each angle when the joint's passive frontal stiffness is another."""
     sagittal, _, axial = passive_stiffness(problem.settings)
     passive = (sagittal, frontal_nm_per_deg, axial)
     motion = joint_motion(loads, problem.domain.joint, passive, problem.settings.muscle_stiffness)
     other = replace(problem, motion=motion)
-    every: list[Prediction] = [couple(other, modulus, response) for couple in COUPLINGS.values()]
+    every: list[Prediction] = [couple(other, response) for couple in COUPLINGS.values()]
     to_frames = _to_frames(problem)
     return np.stack([np.abs(to_frames @ prediction.change.numpy()).max(axis=0) for prediction in every])
 

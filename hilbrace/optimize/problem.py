@@ -18,7 +18,18 @@ from hilbrace.material.curves import Microstructures, load_microstructures
 from hilbrace.material.neo_hookean import worst_energy_density
 from hilbrace.material.strut_width import effective_scale, map_length, maximum_width, minimum_width
 from hilbrace.optimize.joint_response import FLEXION, JointMotion, joint_motion
-from hilbrace.shell import LoadPattern, ShellModel, build_shell, joint_line_shares, pose_shell
+from hilbrace.shell import (
+    LoadPattern,
+    ShellFamily,
+    ShellModel,
+    build_shell,
+    geometry_mode,
+    joint_line_shares,
+    lay_on_skin,
+    pose_shell,
+    shell_family,
+    skin,
+)
 
 Array = np.ndarray
 
@@ -74,7 +85,8 @@ class Problem:
         preserve: Columns of the angles to keep.
         prevent: Columns of the angles to bring to zero.
         postures: Shapes for the stiffness, flexion rising; the first is the rest shape.
-        load: Acting force of every frame on the rest shape.
+        shapes: Shapes in which the frames' loads act.
+        load: Acting force of every frame.
         settings: The optimizer's settings.
     """
 
@@ -93,6 +105,7 @@ class Problem:
     preserve: tuple[int, ...]
     prevent: tuple[int, ...]
     postures: tuple[Posture, ...]
+    shapes: ShellFamily
     load: LoadPattern
     settings: OptimizeSettings
 
@@ -144,6 +157,7 @@ def build_problem(
         preserve=tuple(map(ANGLES[kind].index, preserve)),
         prevent=tuple(map(ANGLES[kind].index, prevent)),
         postures=_postures(loads, domain, rest),
+        shapes=_shapes(domain, rest, settings),
         load=_load(loads, domain, settings),
         settings=settings,
     )
@@ -199,6 +213,13 @@ def _postures(loads: JointLoads, domain: Domain, rest: ShellModel) -> tuple[Post
             shell = pose_shell(rest, domain.posed[kept])
             postures.append(Posture(float(flexion[kept]), shell, axes[frames[kept]]))
     return tuple(postures)
+
+
+def _shapes(domain: Domain, rest: ShellModel, settings: OptimizeSettings) -> ShellFamily:
+    """Shapes for the loads of the frames, borne by the skin if it is to bear."""
+    if settings.skin_n_per_mm3 > 0:
+        rest = lay_on_skin(rest, skin(domain.vertices, settings.skin_n_per_mm3))
+    return shell_family(rest, domain.posed, geometry_mode(settings.geometry), torch.get_num_threads())
 
 
 def _unit(axes: Float[Array, "axis 3"]) -> Float[Array, "axis 3"]:

@@ -275,6 +275,8 @@ def _design_figures(design: Design, seconds: float) -> dict[str, dict[str, objec
     steps = {
         "iterations": design.iterations,
         "seconds_per_iteration": round(seconds, 4),
+        "shell_solver": design.solver,
+        "shell_shapes": design.shapes,
         "losses_initial": dict(zip(LOSSES, map(float, design.losses_initial), strict=True)),
         "losses_final": dict(zip(LOSSES, map(float, design.losses_final), strict=True)),
         "normalised_initial": dict(zip(names, map(float, design.history[0]), strict=True)),

@@ -7,6 +7,7 @@ given, of the thickness, with exact gradients.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -153,14 +154,14 @@ def family_compliance(
 
 def family_stiffness(
     modulus: Float[Tensor, " triangle"],
-    family: ShellFamily,
+    shells: Sequence[ShellModel],
     thickness: Float[Tensor, " triangle"] | None = None,
     solvers: SolverPool | None = None,
 ) -> Float[Tensor, "shape 12 12"]:
-    """Loop stiffness K_c of every shape alone [N/mm, N, N*mm/rad]; 6 solves for each."""
-    nothing = torch.zeros((0, len(family.shells[0].vertices), 3), dtype=torch.float64)
-    loads = [nothing] * len(family.shells)
-    solved = condense_shells(modulus, family.shells, loads, True, thickness, solvers)
+    """Loop stiffness K_c of several shapes of one brace alone [N/mm, N, N*mm/rad]; 6 solves for each."""
+    nothing = torch.zeros((0, len(shells[0].vertices), 3), dtype=torch.float64)
+    loads = [nothing] * len(shells)
+    solved = condense_shells(modulus, shells, loads, True, thickness, solvers)
     return torch.stack([one.loop_stiffness for one in solved])
 
 
@@ -175,8 +176,7 @@ def loop_stiffness(
     Raises:
         SolverError: The modulus is not positive and finite, or the stiffness is singular.
     """
-    family = ShellFamily((shell,), np.zeros(1, dtype=np.int64))
-    return family_stiffness(modulus, family, thickness, solvers)[0]
+    return family_stiffness(modulus, [shell], thickness, solvers)[0]
 
 
 def element_energies(response: ShellResponse | FamilyResponse) -> Float[Tensor, "frame triangle"]:

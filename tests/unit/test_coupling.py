@@ -11,6 +11,7 @@ import torch
 from hilbrace.biomech.dynamics import GroundReaction, momenta, net_load
 from hilbrace.config import MaterialSettings, OptimizeSettings, PatternSettings
 from hilbrace.optimize import design
+from hilbrace.optimize.brace_response import brace_response, posture_stiffness
 from hilbrace.optimize.coupling import COUPLINGS, Prediction, brace_spring, contact_change
 from hilbrace.optimize.evaluate import mechanics_of
 from hilbrace.optimize.joint_response import joint_motion
@@ -45,8 +46,7 @@ def _modulus(problem: Problem, seed: int = 0, size: float = 0.5) -> torch.Tensor
 
 
 def _predict(problem: Problem, modulus: torch.Tensor, coupling: str) -> Prediction:
-    response = shell_response(modulus, problem.postures[0].shell, problem.load)
-    return COUPLINGS[coupling](problem, modulus, response)
+    return COUPLINGS[coupling](problem, brace_response(problem, modulus))
 
 
 def _outputs(problem: Problem, modulus: torch.Tensor, coupling: str) -> dict[str, torch.Tensor]:
@@ -119,9 +119,7 @@ def test_the_spring_restores_what_it_says_in_moment_and_force(problem: Problem):
     """Stiffness coupling: J^T of the wrench is the torque that the response was computed with."""
     modulus = _modulus(problem)
     found = _predict(problem, modulus, "stiffness")
-    spring = brace_spring(
-        problem, modulus, shell_response(modulus, problem.postures[0].shell, problem.load).loop_stiffness
-    )
+    spring = brace_spring(problem, posture_stiffness(problem, modulus))
     turned = (problem.motion.angles + found.change)[0]
     expected = -torch.diagonal(spring.stiffness[0]) * turned
     torque = problem.motion.jacobian[0, 3:].T @ found.moment[0]
@@ -163,8 +161,7 @@ def test_the_change_of_contact_is_that_of_newton_and_euler():
 
 def test_both_couplings_and_all_passive_levels_are_predicted(problem: Problem):
     modulus = _modulus(problem)
-    response = shell_response(modulus, problem.postures[0].shell, problem.load)
-    found = predict(problem, knee_loads(), modulus, response)
+    found = predict(problem, knee_loads(), brace_response(problem, modulus))
     frames = len(problem.domain.time)
     assert tuple(COUPLINGS) == design.COUPLINGS
     assert found.angle_change.shape == (2, frames, 3)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,16 +10,18 @@ import numpy as np
 import pytest
 import torch
 
-from hilbrace.config import MaterialSettings, OptimizeSettings, PatternSettings
+from hilbrace.config import MaterialSettings, OptimizeSettings, PatternSettings, parse_config
 from hilbrace.domain.domain import Domain
-from hilbrace.errors import SolverError
+from hilbrace.errors import ConfigError, SolverError
 from hilbrace.optimize import losses
+from hilbrace.optimize.brace_response import brace_response, posture_stiffness
 from hilbrace.optimize.build import optimize_design, uniform_design, write_history_csv
 from hilbrace.optimize.design import COUPLINGS, LOSSES, Design
 from hilbrace.optimize.evaluate import design_variable, evaluate
 from hilbrace.optimize.loop import adam, firmness, first_state, learning_rate
 from hilbrace.optimize.problem import Problem, build_problem, width_limits
 from hilbrace.run.records import pack
+from hilbrace.shell.solver import available_backends
 from tests.unit.knee_tube import knee_domain, knee_loads
 
 MATERIAL = MaterialSettings()
@@ -54,8 +56,15 @@ def _optimize(domain: Domain, checkpoint: Path, progress=lambda *_: None, **chan
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS)
-def test_the_total_loss_has_the_gradient_of_finite_differences(problem: Problem, coupling: str):
-    problem = replace(problem, settings=_settings(coupling=coupling))
+@pytest.mark.parametrize(
+    "mechanics", [{}, {"geometry": "clusters:3"}, {"geometry": "frame"}, {"skin_n_per_mm3": 0.01}]
+)
+def test_the_total_loss_has_the_gradient_of_finite_differences(
+    domain: Domain, coupling: str, mechanics: dict
+):
+    problem = build_problem(
+        knee_loads(), domain, _settings(coupling=coupling, **mechanics), MATERIAL, PATTERN
+    )
     state = first_state(problem, "")
     firm = firmness(problem, state.firm)
     generator = torch.Generator().manual_seed(5)
@@ -72,12 +81,17 @@ def test_the_total_loss_has_the_gradient_of_finite_differences(problem: Problem,
     at, level = theta.clone().requires_grad_(), bias.clone().requires_grad_()
     by_theta, by_bias = torch.autograd.grad(total(at, level), (at, level))
     direction = torch.randn(theta.shape, generator=generator, dtype=torch.float64)
-    step = 1e-4
+    along_theta = _slope(lambda size: total(theta + size * direction, bias))
+    along_bias = _slope(lambda size: total(theta, bias + size))
+    assert float((by_theta * direction).sum()) == pytest.approx(along_theta, rel=1e-6)
+    assert float(by_bias) == pytest.approx(along_bias, rel=1e-6)
+
+
+def _slope(function: Callable[[float], torch.Tensor], step: float = 1e-3) -> float:
+    """Derivative at zero by central differences of the fourth order."""
     with torch.no_grad():
-        slope = (total(theta + step * direction, bias) - total(theta - step * direction, bias)) / (2 * step)
-        slope_bias = (total(theta, bias + step) - total(theta, bias - step)) / (2 * step)
-    assert float((by_theta * direction).sum()) == pytest.approx(float(slope), rel=1e-5)
-    assert float(by_bias) == pytest.approx(float(slope_bias), rel=1e-5)
+        near, far = (float(function(size) - function(-size)) for size in (step, 2 * step))
+    return (8 * near - far) / (12 * step)
 
 
 def test_the_first_field_has_the_target_volume(problem: Problem):
@@ -207,3 +221,43 @@ def test_the_step_falls_from_the_full_one_to_a_tenth():
     assert rates[0] == pytest.approx(0.3)
     assert rates[-1] == pytest.approx(0.03)
     assert all(a >= b for a, b in pairwise(rates))
+
+
+def test_posed_shapes_and_skin_change_the_compliance_and_only_there(domain: Domain):
+    """The stiffness between the loops, in which the brace acts on the joint, is that of the bare brace."""
+    found = {}
+    for name, mechanics in {
+        "rest": {},
+        "frame": {"geometry": "frame"},
+        "all": {"geometry": f"clusters:{len(domain.posed)}"},
+        "skin": {"skin_n_per_mm3": 0.01},
+    }.items():
+        problem = build_problem(knee_loads(), domain, _settings(**mechanics), MATERIAL, PATTERN)
+        modulus = torch.full_like(problem.areas, 0.5)
+        found[name] = brace_response(problem, modulus)
+        torch.testing.assert_close(found[name].loops, found["rest"].loops, rtol=1e-9, atol=1e-9)
+        torch.testing.assert_close(
+            found[name].loops, posture_stiffness(problem, modulus), rtol=1e-9, atol=1e-9
+        )
+    compliance = {name: response.frames.compliance for name, response in found.items()}
+    torch.testing.assert_close(compliance["all"], compliance["frame"], rtol=1e-12, atol=0)
+    assert float((compliance["frame"] / compliance["rest"] - 1).abs().max()) > 0.01
+    assert (compliance["skin"] < compliance["rest"]).all()
+
+
+def test_a_design_names_its_solver_and_shapes_and_hardly_depends_on_the_solver(
+    domain: Domain, tmp_path: Path
+):
+    ours, plain = (
+        _optimize(domain, tmp_path / f"{solver}.npz", iterations=3, geometry="clusters:2", solver=solver)
+        for solver in ("auto", "scipy")
+    )
+    assert (ours.solver, plain.solver) == (available_backends()[0], "scipy")
+    assert ours.shapes == plain.shapes == 2
+    np.testing.assert_allclose(ours.history, plain.history, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("text", ["clusters", "clusters:0", "posed", "clusters:-1"])
+def test_a_geometry_that_does_not_exist_is_refused_with_the_settings(text: str):
+    with pytest.raises(ConfigError, match="geometry"):
+        parse_config({"optimize": {"geometry": text}}, "run.toml")

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from hilbrace.shell.blocks import times, transposed_times
 from hilbrace.shell.loops import carry_motion
 from hilbrace.shell.maps import Assembled, StiffnessMaps, assemble, contract
 from hilbrace.shell.model import ShellModel
@@ -110,17 +111,17 @@ def condense(
     fields = np.empty((len(rhs), modes + count), order="F")
     fields[:, lower:] = solver.factor(stiffness.values).solve(rhs)
     if modes:
-        fields[:, :lower] = shell.rigid - fields[:, lower:modes] @ carry_motion(shell.centres)
+        fields[:, :lower] = shell.rigid - times(fields[:, lower:modes], carry_motion(shell.centres))
     free_modes, moves = fields[:, :modes], fields[:, modes:]
     coupling = stiffness.coupling[:, :modes]
-    on_loops = shell.loop_motions[:, :modes].T @ loads[shell.clamped]
-    flexibility = rhs[:, lower:].T @ moves
-    ends = stiffness.ends[:modes, :modes] + coupling.T @ free_modes
+    on_loops = transposed_times(shell.loop_motions[:, :modes], loads[shell.clamped])
+    flexibility = transposed_times(rhs[:, lower:], moves)
+    ends = stiffness.ends[:modes, :modes] + transposed_times(coupling, free_modes)
     return Condensed(
         fields=fields,
         modes=modes,
         flexibility=0.5 * (flexibility + flexibility.T),
-        sharing=on_loops - coupling.T @ moves,
+        sharing=on_loops - transposed_times(coupling, moves),
         loop_stiffness=0.5 * (ends + ends.T),
     )
 
@@ -171,13 +172,13 @@ def by_loads(
     shell: ShellModel, state: Condensed, weights: Weights, adjoint: Float[Array, "free load"] | None = None
 ) -> Float[Array, "dof load"]:
     """Derivative of a loss by the loads on all degrees of freedom. Arguments as in `by_stiffness`."""
-    moves = state.displacements @ (weights.flexibility + weights.flexibility.T)
-    moves += state.fields[:, : state.modes] @ weights.sharing
+    moves = times(state.displacements, weights.flexibility + weights.flexibility.T)
+    moves += times(state.fields[:, : state.modes], weights.sharing)
     if adjoint is not None:
         moves += adjoint
     out = np.zeros((len(shell.numbering.equation), moves.shape[1]))
     out[shell.numbering.free] = moves
-    out[shell.clamped] = shell.loop_motions[:, : state.modes] @ weights.sharing
+    out[shell.clamped] = times(shell.loop_motions[:, : state.modes], weights.sharing)
     return out
 
 

@@ -19,6 +19,7 @@ import scipy.sparse as sp
 from jaxtyping import Float, Int
 
 from hilbrace.shell.assembly import Numbering, refill_map
+from hilbrace.shell.blocks import times
 from hilbrace.shell.element import NODE_DOFS
 from hilbrace.shell.loops import LOOP_DOFS
 from hilbrace.shell.symmetric import Sparsity, product
@@ -126,7 +127,7 @@ def assemble(numbering: Numbering, maps: StiffnessMaps, modulus: Float[Array, " 
     return Assembled(
         values=maps.refill @ modulus,
         coupling=scatter @ force.reshape(-1, LOOP_DOFS),
-        ends=np.tensordot(scale, maps.ends, axes=1),
+        ends=(scale[:, None, None] * maps.ends).sum(axis=0),
     )
 
 
@@ -147,7 +148,7 @@ def contract(
         pairing: Symmetric weights of the pairs.
         motions: Number of leading fields that move a loop: 12, or none.
     """
-    weighted = fields @ pairing
+    weighted = times(fields, pairing)
     values = sampled_product(maps.pairs, weighted, np.ascontiguousarray(fields))
     out = maps.refill.T @ (values * maps.pairs.share)
     if motions:

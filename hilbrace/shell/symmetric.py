@@ -13,6 +13,7 @@ import scipy.sparse as sp
 from jaxtyping import Float, Int
 
 from hilbrace.errors import SolverError
+from hilbrace.shell.blocks import times
 
 Array = np.ndarray
 
@@ -142,7 +143,8 @@ def check_answer(
     largest = np.abs(rhs).max(axis=0, initial=0.0)
     weight = np.random.default_rng(rhs.shape[1]).uniform(0.5, 1.0, rhs.shape[1])
     weight /= np.where(largest > 0, largest, 1.0)
-    residual = product(sparsity, values, (answer @ weight)[:, None])[:, 0] - rhs @ weight
+    column = weight[:, None]
+    residual = product(sparsity, values, times(answer, column)) - times(rhs, column)
     if not np.abs(residual).max(initial=0.0) <= WORST_RESIDUAL:
         raise singular()
 

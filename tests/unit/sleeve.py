@@ -105,6 +105,8 @@ def sleeve_design(
     return Design(
         seed=0,
         iterations=0,
+        solver="scipy",
+        shapes=1,
         parameters=np.zeros((1, 1)),
         d_triangle=mean(d_vertex),
         d_vertex=d_vertex,

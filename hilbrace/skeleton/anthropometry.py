@@ -23,7 +23,7 @@ of the heights, or the mean of the segments that were measured where the height 
 
 Without a standing trial the same pairs are measured over a motion. A pair on one bone has its median length;
 a pair that spans a joint comes nearest to the neutral pose when its limb is straight, so that it is measured
-in the quarter of the frames in which its limb (ASIS to malleolus, acromion to wrist or to pelvis) is longest.
+in the quarter of the frames in which its limb (ASIS to malleolus, acromion to wrist or to ASIS) is longest.
 The pelvis, too, is measured where a leg is straight, since a bent hip moves the skin over the ASIS.
 """
 
@@ -126,7 +126,7 @@ RULES = (
             (("C7", "{S}ASI"), ("{S}ACR", "{S}ASI")),
             (("CLAV", "{S}ASI"),),
         ),
-        ("{S}ACR", "{S}PSI"),
+        ("{S}ACR", "{S}ASI"),
     ),
     SegmentRule("shoulders", ("torso",), (2,), ((("RACR", "LACR"),),)),
     SegmentRule(

@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hilbrace.errors import InputError
+from hilbrace.motion.synthetic.generate import generate
 from hilbrace.skeleton.anthropometry import (
     MODEL_HEIGHT_M,
     RULES,
     SegmentFactor,
+    hip_centres,
     measure_segments,
     rigid_fit,
     segment_scales,
@@ -227,3 +229,33 @@ def test_thigh_and_shank_of_recorded_people_agree_with_their_published_models(
     for (upper, lower), allowed in zip((("femur", "tibia"), ("tibia", "talus")), limit, strict=True):
         ours, theirs = length(upper, lower)
         assert ours == pytest.approx(theirs, rel=allowed), upper
+
+
+def test_a_person_is_measured_in_a_motion_where_limbs_are_straight():
+    """Squats of a person of known build: the standing factors come back from the straight frames alone."""
+    truth = generate("squat", rate_hz=50.0)
+    names = {n: k for k, n in enumerate(truth.marker_names) if n in load_table()["markers"]}
+    moving = {n: 1.07 * truth.true_markers[:, k] for n, k in names.items()}
+    hidden = moving["RLFC"].copy()
+    hidden[::3] = np.nan
+    factors = measure_segments(moving | {"RLFC": hidden}, load_table())
+    for item in factors:
+        arm = item.segment in (
+            "upper arm",
+            "forearm",
+        )  # raised in squats: the acromion moves less than they do
+        assert item.factor == pytest.approx(1.07, abs=0.02 if arm else 0.012), item.segment
+    assert {item.segment for item in factors if item.pairs} >= {"pelvis", "thigh", "shank", "foot", "trunk"}
+
+
+def test_hip_centres_follow_the_pelvis_frame_by_frame():
+    truth = generate("squat", rate_hz=50.0)
+    skeleton = skeleton_from_table(load_table())
+    pose = skeleton.forward(truth.coordinates)
+    column = {n: k for k, n in enumerate(truth.marker_names)}
+    pelvis = {n: truth.true_markers[:, column[n]].copy() for n in ("RASI", "LASI", "RPSI", "LPSI")}
+    pelvis["RPSI"][7] = np.nan
+    found = hip_centres(pelvis, skeleton, 1.0)["LHJC"]
+    seen = np.arange(len(found)) != 7
+    assert np.isnan(found[7]).all()
+    assert np.allclose(found[seen], pose["femur_l"].origin[seen], atol=1e-9)

@@ -4,6 +4,7 @@ from hilbrace.shell.boundary import end_loops
 from hilbrace.shell.brace_stiffness import BraceStiffness, brace_stiffness
 from hilbrace.shell.foundation import Foundation, skin
 from hilbrace.shell.geometry import GeometryMode, ShellFamily, cluster_frames, geometry_mode, shell_family
+from hilbrace.shell.joint_stiffness import family_wrenches_at, joint_stiffness, wrenches_at
 from hilbrace.shell.loads import LoadPattern, NodalLoads, joint_line_shares
 from hilbrace.shell.model import ShellModel, build_shell, lay_on_skin, pose_shell, thicken_shell
 from hilbrace.shell.pool import SolverPool, open_pool
@@ -22,7 +23,7 @@ from hilbrace.shell.response import (
     static_modes,
 )
 from hilbrace.shell.section import Section, isotropic, map_directions, orthotropic
-from hilbrace.shell.stiffness import family_wrenches_at, joint_stiffness, wrenches_at
+from hilbrace.shell.solver import available_backends, open_solver
 
 __all__ = [
     "BraceStiffness",
@@ -37,6 +38,7 @@ __all__ = [
     "ShellResponse",
     "SkinReaction",
     "SolverPool",
+    "available_backends",
     "brace_stiffness",
     "build_shell",
     "cluster_frames",
@@ -55,6 +57,7 @@ __all__ = [
     "loop_stiffness",
     "map_directions",
     "open_pool",
+    "open_solver",
     "orthotropic",
     "pose_shell",
     "shell_family",

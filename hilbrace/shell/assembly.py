@@ -96,25 +96,3 @@ def free_stiffness(
     size = numbering.sparsity.size
     start, row, source = both_triangles(numbering.sparsity)
     return sp.csc_array(((refill @ modulus)[source], row, start), shape=(size, size))
-
-
-def coupling_map(
-    numbering: Numbering, stiffness: Float[Array, "element 15 15"], motions: Float[Array, "dof mode"]
-) -> sp.csr_array:
-    """Matrix from E to the flattened K_fb G: forces on the free nodes per motion of the clamped ones.
-
-    Args:
-        numbering: The numbering.
-        stiffness: Unit-modulus stiffness of the elements.
-        motions: Motions G of the clamped degrees of freedom, zero on free ones.
-    """
-    modes = motions.shape[1]
-    touched = np.flatnonzero((numbering.equation[numbering.element_dofs] < 0).any(axis=1))
-    dofs = numbering.element_dofs[touched]
-    force = stiffness[touched] @ motions[dofs]
-    equation = numbering.equation[dofs]
-    row = equation[:, :, None] * modes + np.arange(modes)
-    keep = np.broadcast_to(equation[:, :, None] >= 0, row.shape)
-    column = np.broadcast_to(touched[:, None, None], row.shape)
-    shape = (len(numbering.free) * modes, len(stiffness))
-    return sp.csr_array((force[keep], (row[keep], column[keep])), shape=shape)

@@ -10,10 +10,10 @@ from jaxtyping import Float, Int
 
 from hilbrace.errors import GeometryError
 from hilbrace.shell.boundary import end_loops
+from hilbrace.shell.joint_stiffness import joint_stiffness
 from hilbrace.shell.model import build_shell
 from hilbrace.shell.response import loop_stiffness
 from hilbrace.shell.section import Section
-from hilbrace.shell.stiffness import joint_stiffness
 from hilbrace.units import MM_PER_M
 
 Array = np.ndarray

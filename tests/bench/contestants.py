@@ -6,7 +6,7 @@ the iteration. A program that goes frame by frame may measure fewer frames than 
 with their number.
 
 This package answers more than the task asks: the reactions of the loops and the loop stiffness come with it,
-at 12 solves for each shape.
+at 6 solves for each shape.
 """
 
 from __future__ import annotations
@@ -96,12 +96,12 @@ def own(task: str, backend: str) -> Contestant:
 
 
 def rest_pattern(brace: KneeBrace, backend: str) -> Callable[[], Answer]:
-    """One shape, one load pattern: 3 + 12 solves for any number of frames."""
+    """One shape, one load pattern: 3 + 6 solves for any number of frames."""
     return _rest(brace, LoadPattern(_shares(brace), torch.from_numpy(brace.forces)), backend)
 
 
 def rest_loads(brace: KneeBrace, backend: str) -> Callable[[], Answer]:
-    """One shape, a load of its own in every frame: 45 + 12 solves."""
+    """One shape, a load of its own in every frame: 45 + 6 solves."""
     return _rest(brace, NodalLoads(torch.from_numpy(_nodal_forces(brace))), backend)
 
 

@@ -154,8 +154,8 @@ def _moving(
     note = (
         f"no standing trial: markers were placed in {len(frames)} frames of the motion, the knees neutral on "
         f"average; bony landmarks within {misfit:.1f} mm RMS of the scaled model; joint angles may be off by "
-        "some degrees as a whole, and muscle and contact forces with them: a standing trial (motion.static) or "
-        "a model of the subject (biomech.model) mends that"
+        "some degrees as a whole, and muscle and contact forces with them: a standing trial (motion.static) "
+        "or a model of the subject (biomech.model) mends that"
     )
     return markers, start, (note,)
 

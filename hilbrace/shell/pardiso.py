@@ -167,7 +167,8 @@ class Pardiso:
         )
         handle.control[_OWN_VALUES] = 1
         handle.control[_ORDERING] = _NESTED_DISSECTION
-        handle.control[_REPRODUCIBLE_THREADS] = handle.threads
+        # One thread gives the same bits without the mode for several, which makes solves half as dear again.
+        handle.control[_REPRODUCIBLE_THREADS] = handle.threads if handle.threads > 1 else 0
         handle.control[_COUNT_FROM_ZERO] = 1
         self._handle = handle
         self._release = weakref.finalize(self, handle.release)

@@ -178,7 +178,7 @@ def _stiffness_rows(brace: dict[str, Any]) -> list[tuple[str, str, str]]:
 def _prediction_rows(brace: dict[str, Any]) -> list[tuple[str, ...]]:
     """Largest predicted changes by both couplings, as configured and for other passive stiffnesses."""
 
-    def row(label: str, found: dict[str, dict[str, float]]) -> tuple[str, ...]:
+    def row(label: str, found: dict[str, Any]) -> tuple[str, ...]:
         planes = ("frontal_change_max_deg", "sagittal_change_max_deg")
         return (label, *(f"{found[name][plane]:.3g}" for name in ("stiffness", "paper") for plane in planes))
 

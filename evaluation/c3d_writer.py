@@ -75,7 +75,7 @@ def write_c3d(
         path: File to write.
         recording: Markers and plates, y up, as `hilbrace.motion.recording.read_recording` gives them.
         plate_size_m: Size of each plate about the median of its points, forward and sideways [m]; it is not
-            part of the recording.
+            part of the recording. A plate that never had a point lies at the origin.
         prefix: Subject's name in front of every label, as ``Anna`` in ``Anna:LTH1``; none if empty.
 
     Raises:
@@ -172,7 +172,8 @@ def _plates(
     for k in range(len(plates.names)):
         force = z_up(np.nan_to_num(plates.force[:, k]))
         point = z_up(plates.point[:, k])
-        middle = np.nanmedian(point, axis=0)
+        known = point[np.isfinite(point).all(axis=1)]
+        middle = np.median(known, axis=0) if len(known) else np.zeros(3)
         moment = z_up(np.nan_to_num(plates.torque[:, k])) + np.cross(np.nan_to_num(point - middle), force)
         channels += [force * _PLATE_AXES, MM_PER_M * moment * _PLATE_AXES]
         corners.append(

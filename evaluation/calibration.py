@@ -15,7 +15,7 @@ from jaxtyping import Float
 from evaluation.conventions import Side, anatomical_degrees
 from evaluation.hip_models import Points, hip_centre
 from evaluation.joint_angles import cardan_angles, relative_rotation
-from evaluation.protocol import MarkerLabels, Protocol
+from evaluation.protocol import HipModel, MarkerLabels, Protocol
 from evaluation.rigid_fit import NARROWEST, width_over_length
 from evaluation.segment_frames import foot_frame, frame_from_axes, long_bone_frame
 from hilbrace.errors import ConfigError, InputError
@@ -30,6 +30,9 @@ LONGEST_SEGMENT_M, SHORTEST_SEGMENT_M = 0.8, 0.15
 
 STILL_SECONDS = 1.0
 """Length of the part of a standing trial that calibrates."""
+
+LARGEST_LEAN_DEG = 45.0
+"""A standing leg that leans further does not stand along the axis that is called upward."""
 
 _NO_PLATE_N = 20.0
 _UPWARDS = np.array([0.0, 1.0, 0.0])
@@ -102,7 +105,7 @@ def calibrate(standing: Recording, protocol: Protocol, source: str) -> LimbCalib
         GeometryError: Landmarks lie on one line.
     """
     labels = protocol.markers
-    needed = _needed(labels)
+    needed = _needed(labels, protocol.hip.model)
     points, notes = _standing_points(standing, needed, source)
     hip = hip_centre(points, labels, protocol.hip, protocol.side)
     knee = (points[labels.knee_lateral] + points[labels.knee_medial]) / 2
@@ -130,11 +133,12 @@ def calibrate(standing: Recording, protocol: Protocol, source: str) -> LimbCalib
         knee_width_m=float(np.linalg.norm(points[labels.knee_lateral] - points[labels.knee_medial])),
         cross_talk_deg=0.0,
         source=source,
-        notes=notes,
+        notes=(*notes, *_lean(hip - ankle)),
     )
 
 
-def _needed(labels: MarkerLabels) -> tuple[str, ...]:
+def _needed(labels: MarkerLabels, hip: HipModel) -> tuple[str, ...]:
+    """Markers that have to stand still together; those of the pelvis where the hip model needs them."""
     landmarks = (labels.knee_lateral, labels.knee_medial, labels.ankle_lateral, labels.ankle_medial)
     optional = (labels.heel, labels.toe) if labels.foot else ()
     named = (*labels.thigh, *labels.shank, *labels.foot, *landmarks, *(name for name in optional if name))
@@ -145,7 +149,22 @@ def _needed(labels: MarkerLabels) -> tuple[str, ...]:
             where="markers",
             hint="give each marker one meaning",
         )
-    return tuple(dict.fromkeys(named))
+    pelvis = {
+        "bell": (labels.left_asis, labels.right_asis),
+        "harrington": (labels.left_asis, labels.right_asis, labels.left_psis, labels.right_psis),
+    }.get(hip, (labels.hip,))
+    return tuple(dict.fromkeys((*named, *(name for name in pelvis if name))))
+
+
+def _lean(upwards: Float[Array, " 3"]) -> tuple[str, ...]:
+    """A sentence about a standing leg that is far from upright."""
+    lean = float(np.degrees(np.arccos(upwards @ _UPWARDS / np.linalg.norm(upwards))))
+    if lean <= LARGEST_LEAN_DEG:
+        return ()
+    return (
+        f"While standing the leg leans by {lean:.0f} deg from the vertical: the laboratory's upward axis is "
+        "another, set protocol.vertical_axis; until then the hip, the foot and the flight are not right.",
+    )
 
 
 def _standing_points(
@@ -158,17 +177,12 @@ def _standing_points(
         raise InputError(
             f"the standing trial lacks {', '.join(lacking)}",
             where=source,
-            hint=f"correct the labels under [markers]; the file names {', '.join(table.names[:20])}",
+            hint=f"correct the labels under [protocol.markers]; the file names {', '.join(table.names[:20])}",
         )
     still = stillest_part(keep_markers(table, needed))
     pose = static_pose(Recording(still, None, ()), needed, _NO_PLATE_N, source)
     points = dict(zip(pose.names, pose.positions, strict=True))
-    others = {
-        name: np.nanmedian(table.positions[:, k], axis=0)
-        for k, name in enumerate(table.names)
-        if name not in points and _seen(table, name)
-    }
-    return points | others, pose.notes
+    return points, pose.notes
 
 
 def stillest_part(table: MarkerTable, seconds: float = STILL_SECONDS) -> MarkerTable:

@@ -46,7 +46,7 @@ def thigh_turn(calibration: LimbCalibration, knee_deg: Float[Array, "frame 3"], 
         raise InputError(
             f"the knee bends over less than {LEAST_RANGE_DEG:g} deg beyond {-_BENT_DEG:g} deg of flexion",
             where=where,
-            hint="give a squat as calibration movement, or leave processing.cross_talk off",
+            hint="give a squat as calibration movement, or leave protocol.processing.cross_talk off",
         )
     mirror = np.array([1.0, 1.0, 1.0]) if calibration.side == "right" else np.array([1.0, -1.0, -1.0])
     relative = rotation_from_cardan(knee_deg[bent] * mirror * DEG)

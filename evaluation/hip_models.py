@@ -145,7 +145,7 @@ def _point(points: Points, label: str | None, key: str, model: str) -> Float[Arr
         raise InputError(
             f"hip model '{model}' needs marker '{name}', which the standing trial lacks",
             where=key,
-            hint="correct the label, or choose another hip.model",
+            hint="correct the label, or choose another protocol.hip.model",
         )
     return points[name]
 
@@ -155,6 +155,6 @@ def _given(value: Value | None, key: str, model: str) -> Value:
         raise ConfigError(
             f"hip model '{model}' needs '{key}'",
             where="study file",
-            hint=f"add {key}, or choose another hip.model",
+            hint=f"add protocol.{key}, or choose another protocol.hip.model",
         )
     return value

@@ -23,7 +23,7 @@ class MeasuredTrial:
     """One repeat, tracked.
 
     Attributes:
-        name: Name of its file without the ending.
+        name: Name of its file without the ending; with its folders where another trial has the same.
         condition: Index of its condition.
         motion: Angles over time.
         quality: What the markers say about it.
@@ -104,7 +104,7 @@ def measure_trial(
     motion = track(recording.markers, calibration, protocol.processing, str(file.path))
     quality = judge(motion, calibration, str(file.path))
     return MeasuredTrial(
-        file.path.stem, file.condition, motion, quality, recording.plates, file.events, recording.notes
+        file.name, file.condition, motion, quality, recording.plates, file.events, recording.notes
     )
 
 
@@ -137,7 +137,7 @@ def _cross_talk(
             raise ConfigError(
                 "a cross-talk correction needs a calibration movement",
                 where="movement",
-                hint="name a trial of squats as 'movement', or leave processing.cross_talk off",
+                hint="name a trial of squats as 'movement', or leave protocol.processing.cross_talk off",
             )
         return plain, None, []
     recording = read_recording(settings.movement, None, protocol.vertical_axis, reader)

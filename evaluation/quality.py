@@ -26,6 +26,9 @@ FLAGGED_STATIC_DEG = 2.0
 PLAUSIBLE_DEG = {SAGITTAL: (-160.0, 20.0), FRONTAL: (-20.0, 20.0), TRANSVERSE: (-40.0, 40.0)}
 """Range of a knee's anatomical angles (extension, adduction, internal rotation)."""
 
+IMPOSSIBLE_EXTENSION_DEG = 40.0
+"""No knee extends this far."""
+
 _NAMES = {SAGITTAL: "extension", FRONTAL: "adduction", TRANSVERSE: "internal rotation"}
 
 
@@ -64,8 +67,8 @@ def judge(motion: LimbMotion, calibration: LimbCalibration, where: str) -> Quali
         where: The file, for messages.
 
     Raises:
-        InputError: The cluster has another shape than while standing, the knee comes apart, or no frame has
-            angles.
+        InputError: The cluster has another shape than while standing, the knee comes apart or bends
+            backwards, or no frame has angles.
     """
     names = [segment.name for segment in calibration.segments]
     known = np.asarray(np.isfinite(motion.knee_deg).all(axis=1))
@@ -83,9 +86,11 @@ def judge(motion: LimbMotion, calibration: LimbCalibration, where: str) -> Quali
     }
     gap = _median(motion.knee_gap_mm)
     _refuse(residual, gap, calibration.source, where)
+    _refuse_bent_backwards(motion, where)
     correlation = cross_talk_correlation(motion.knee_deg)
     flags = [
         *_cluster_flags(residual, worst),
+        *(f"The {name} never shows three markers at once." for name in names if name not in worst),
         *_knee_flags(gap, correlation, motion),
         *([f"{(~known).sum()} of {len(known)} frames have no angles."] if not known.all() else []),
     ]
@@ -135,11 +140,22 @@ def _refuse(residual: dict[str, float], gap: float, standing: str, where: str) -
         )
 
 
+def _refuse_bent_backwards(motion: LimbMotion, where: str) -> None:
+    """Refuse a knee that extends as far as knees only bend: left and right, or in and out, are exchanged."""
+    extension = motion.knee_deg[:, SAGITTAL]
+    if np.nanmax(extension) > IMPOSSIBLE_EXTENSION_DEG > -np.nanmin(extension):
+        raise InputError(
+            f"the knee extends by {np.nanmax(extension):.0f} deg and hardly bends",
+            where=where,
+            hint="correct protocol.side, or the medial and lateral labels under [protocol.markers]",
+        )
+
+
 def _cluster_flags(residual: dict[str, float], worst: dict[str, float]) -> list[str]:
     return [
         f"The {name} cluster deforms: residual {residual[name]:.1f} mm (95 % below {worst[name]:.1f} mm)."
         for name in residual
-        if residual[name] > FLAGGED_RESIDUAL_MM or worst[name] > REFUSED_RESIDUAL_MM
+        if residual[name] > FLAGGED_RESIDUAL_MM or worst.get(name, 0.0) > REFUSED_RESIDUAL_MM
     ]
 
 

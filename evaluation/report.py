@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -138,10 +139,15 @@ def _reliability_rows(result: StudyResult) -> list[dict[str, str]]:
         rows.append(
             {
                 "name": f"{EVENTS[event]}, {TABLE_PLANES[plane]}",
-                "error": f"{entry.error_deg:.2f}",
-                "trial": f"{entry.change_trial_deg:.2f}",
-                "mean": f"{entry.change_mean_deg:.2f}",
+                "error": _degrees(entry.error_deg),
+                "trial": _degrees(entry.change_trial_deg),
+                "mean": _degrees(entry.change_mean_deg),
                 "icc": "-" if icc is None else f"{icc.one_way:.2f} / {icc.two_way:.2f} / {icc.fixed:.2f}",
             }
         )
     return rows
+
+
+def _degrees(value: float) -> str:
+    """A figure of the reliability table; a dash where nothing was repeated."""
+    return f"{value:.2f}" if math.isfinite(value) else "-"

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import glob
+import os
 import tomllib
 from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from pydantic import Field, ValidationError
 
@@ -53,7 +55,10 @@ class StudySettings(Section):
     convention: Convention = Field(default="paper", description="signs of written angles and curves")
     protocol: Protocol = Field(description="markers, hip, processing")
     conditions: tuple[ConditionSettings, ...] = Field(min_length=1, description="conditions in table order")
-    events: dict[str, EventSettings] = Field(default={}, description="events set by hand, by file name")
+    events: dict[str, EventSettings] = Field(
+        default={},
+        description="events set by hand, by file name, or by path where folders hold files of one name",
+    )
     synthetic: bool = Field(
         default=False, description="trials were generated, not recorded; reports say so on every page"
     )
@@ -67,11 +72,20 @@ class TrialFile:
         condition: Index of its condition.
         path: The file.
         events: What was set by hand.
+        key: What [events] of the study file calls it: the file's name, or its path where another trial has
+            the same name. Empty stands for the file's name.
     """
 
     condition: int
     path: Path
     events: EventSettings
+    key: str = ""
+
+    @property
+    def name(self) -> str:
+        """The trial's name in tables and file names."""
+        path = PurePath(self.key or self.path.name).with_suffix("")
+        return "_".join(part for part in path.parts if part not in ("..", path.anchor))
 
 
 @dataclass(frozen=True)
@@ -127,28 +141,40 @@ def read_study(path: Path) -> Study:
 
 
 def _trials(settings: StudySettings, folder: Path, path: Path) -> list[TrialFile]:
-    found = []
+    found: list[tuple[int, Path]] = []
     for index, condition in enumerate(settings.conditions):
         if isinstance(condition.trials, str):
-            files = sorted(folder.glob(condition.trials))
+            names = sorted(glob.glob(condition.trials, root_dir=folder, recursive=True))
         else:
-            files = [folder / name for name in condition.trials]
+            names = list(condition.trials)
+        files = [folder / name for name in names]
         missing = [file for file in files if not file.is_file()]
         if missing or not files:
+            lacking = f"no file {missing[0].name}" if missing else f"no files '{condition.trials}'"
             raise ConfigError(
-                f"condition '{condition.name}' has no "
-                + (f"file {missing[0].name}" if missing else f"files '{condition.trials}'"),
+                f"condition '{condition.name}' has " + (lacking if condition.trials else "no trials"),
                 where=str(path),
                 hint=f"put it into {folder}, or correct 'trials'",
             )
-        found += [TrialFile(index, file, settings.events.get(file.name, EventSettings())) for file in files]
-    return found
+        found += [(index, file) for file in files]
+    shared = Counter(file.stem for _, file in found)
+    keys = [file.name if shared[file.stem] == 1 else _beside(file, folder) for _, file in found]
+    return [
+        TrialFile(index, file, settings.events.get(key, EventSettings()), key)
+        for (index, file), key in zip(found, keys, strict=True)
+    ]
+
+
+def _beside(file: Path, folder: Path) -> str:
+    """The path of a file as seen from the study's folder."""
+    return Path(os.path.relpath(file, folder)).as_posix()
 
 
 def _check(settings: StudySettings, trials: tuple[TrialFile, ...], path: Path) -> None:
     names = [condition.name for condition in settings.conditions]
-    files = [trial.path for trial in trials]
-    for what, values in (("condition", names), ("trial", files)):
+    files = [trial.path.resolve() for trial in trials]
+    called = [trial.name for trial in trials]
+    for what, values in (("condition", names), ("trial", files), ("trial", called)):
         twice = [value for value, count in Counter(map(str, values)).items() if count > 1]
         if twice:
             raise ConfigError(
@@ -159,9 +185,10 @@ def _check(settings: StudySettings, trials: tuple[TrialFile, ...], path: Path) -
     for condition in settings.conditions:
         if condition.published is not None and condition.published not in published_rows():
             raise _unknown("published", condition.published, list(published_rows()), path)
-    stray = sorted(set(settings.events) - {file.name for file in files})
+    keys = [trial.key for trial in trials]
+    stray = sorted(set(settings.events) - set(keys))
     if stray:
-        raise _unknown("events", stray[0], [file.name for file in files], path)
+        raise _unknown("events", stray[0], keys, path)
 
 
 def _unknown(key: str, value: str, known: list[str], path: Path) -> ConfigError:
@@ -173,7 +200,7 @@ def _unknown(key: str, value: str, known: list[str], path: Path) -> ConfigError:
 def _explain(fault: ValidationError, path: Path) -> ConfigError:
     faults = fault.errors()
     first = next((entry for entry in faults if entry["type"] == "extra_forbidden"), faults[0])
-    key = ".".join(str(part) for part in first["loc"])
+    key = ".".join(str(part) for part in first["loc"] if "[" not in str(part))
     if first["type"] == "extra_forbidden":
         known = sorted(_keys(StudySettings))
         near = difflib.get_close_matches(key.split(".")[-1], known, n=1, cutoff=0.5)

@@ -127,14 +127,15 @@ def write_angles_csv(path: Path, trial: MeasuredTrial, side: str, convention: Co
 def write_events_toml(path: Path, result: StudyResult) -> None:
     """Write the events in the form in which the study file takes them, for correction by hand."""
     content: dict[str, dict[str, float]] = {}
-    for trial, found in zip(result.measured.trials, result.events, strict=True):
-        file = next(f.path.name for f in result.measured.study.trials if f.path.stem == trial.name)
+    for file, found in zip(result.measured.study.trials, result.events, strict=True):
         values = {
             "bending_s": found.bending_s,
             "touchdown_s": found.touchdown_s,
             "landing_s": found.landing_s,
         }
-        content[file] = {key: round(value, 4) for key, value in values.items() if math.isfinite(value)}
+        content[file.key or file.path.name] = {
+            key: round(value, 4) for key, value in values.items() if math.isfinite(value)
+        }
     write_atomic(path, tomli_w.dumps({"events": content}).encode())
 
 

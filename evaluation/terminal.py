@@ -23,7 +23,7 @@ def print_table(result: StudyResult, folder: Path) -> None:
         result: The compared conditions.
         folder: Where the files were written.
     """
-    console = Console()
+    console = _plain()
     settings = result.measured.study.settings
     if settings.synthetic:
         console.print("Synthetic trials: a reproduction of the processing, never of the measurement.")
@@ -45,9 +45,9 @@ def print_table(result: StudyResult, folder: Path) -> None:
             table.add_row("", *(Text(text, style="dim") for text in published))
     console.print(table)
     for warning in result.warnings:
-        console.print(f"- {warning}", soft_wrap=True, markup=False, highlight=False)
+        console.print(f"- {warning}", soft_wrap=True)
     for label, name in (("report", "report.html"), ("table", "table.csv"), ("events", "events.toml")):
-        console.print(f"{label:<7} {folder / name}", soft_wrap=True, markup=False, highlight=False)
+        console.print(f"{label:<7} {folder / name}", soft_wrap=True)
 
 
 def print_trials(measured: MeasuredStudy, folder: Path) -> None:
@@ -57,7 +57,7 @@ def print_trials(measured: MeasuredStudy, folder: Path) -> None:
         measured: The tracked trials.
         folder: Where the files were written.
     """
-    console = Console()
+    console = _plain()
     table = Table(box=None)
     for name in ("trial", "frames", "thigh mm", "shank mm", "knee gap mm", "known", "filled"):
         table.add_column(name, justify="left" if name == "trial" else "right")
@@ -75,10 +75,10 @@ def print_trials(measured: MeasuredStudy, folder: Path) -> None:
     console.print(table)
     for trial in measured.trials:
         for flag in trial.quality.flags:
-            console.print(f"- {trial.name}: {flag}", soft_wrap=True, markup=False, highlight=False)
+            console.print(f"- {trial.name}: {flag}", soft_wrap=True)
     for note in measured.notes:
-        console.print(f"- {note}", soft_wrap=True, markup=False, highlight=False)
-    console.print(f"angles  {folder}", soft_wrap=True, markup=False, highlight=False)
+        console.print(f"- {note}", soft_wrap=True)
+    console.print(f"angles  {folder}", soft_wrap=True)
 
 
 def print_checks(
@@ -91,11 +91,12 @@ def print_checks(
         refused: File and why it could not be compared.
         notes: What else could not be compared, one sentence each.
     """
-    console = Console()
+    console = _plain()
     title = f"Stored Plug-in Gait angles against ours (tolerance {TOLERANCE_DEG:g} deg)"
     table = Table(title=title, box=None)
     for name in ("file", "angles", "ours from", "frames", "RMS [deg]", "largest [deg]", ""):
-        table.add_column(name, justify="right" if "deg" in name or name == "frames" else "left")
+        right = "deg" in name or name == "frames"
+        table.add_column(name, justify="right" if right else "left", overflow="fold")
     for path, check in checks:
         table.add_row(
             path.name,
@@ -108,9 +109,14 @@ def print_checks(
         )
     console.print(table)
     for note in notes:
-        console.print(f"- {note}", soft_wrap=True, markup=False, highlight=False)
+        console.print(f"- {note}", soft_wrap=True)
     for path, fault in refused:
-        console.print(f"{path.name}: {fault.what}\n  mend: {fault.hint}", soft_wrap=True, markup=False)
+        console.print(f"{path.name}: {fault.what}\n  mend: {fault.hint}", soft_wrap=True)
+
+
+def _plain() -> Console:
+    """A terminal that shows names as they are, with whatever brackets and colons are in them."""
+    return Console(markup=False, emoji=False, highlight=False)
 
 
 def _squared(cell: dict) -> Text:

@@ -125,7 +125,7 @@ def _filled(markers: MarkerTable, segment: Segment, processing: Processing, wher
         raise InputError(
             f"the {segment.name} has {len(present)} of its markers {', '.join(segment.labels)}",
             where=where,
-            hint="label at least three of them, or correct the labels under [markers]",
+            hint="label at least three of them, or correct the labels under [protocol.markers]",
         )
     longest = round(processing.longest_gap_s * markers.rate_hz)
     return fill_cluster(segment.template, _observed(markers, segment), longest)

@@ -76,6 +76,15 @@ def verify_plug_in_gait(recording: C3DRecording, where: str) -> tuple[list[Joint
         if _is_stored(recording, joint, side)
     ]
     notes = []
+    without_axes = [
+        name
+        for joint in _SEGMENTS
+        for side in SIDES
+        if (name := f"{side[0].upper()}{joint}Angles") in recording.outputs
+        and not _is_stored(recording, joint, side)
+    ]
+    if without_axes:
+        notes.append(f"The segment axes behind {', '.join(without_axes)} are not stored.")
     for side in SIDES:
         name = f"{side[0].upper()}KneeAngles"
         if name not in recording.outputs:
@@ -86,9 +95,15 @@ def verify_plug_in_gait(recording: C3DRecording, where: str) -> tuple[list[Joint
             notes.append(f"{name} from raw markers: {fault.what}.")
         else:
             checks.append(_compare(recording, name, "markers", angles))
+    notes += [
+        f"{check.name} from {check.source}: no frame holds both." for check in checks if not check.frames
+    ]
+    checks = [check for check in checks if check.frames]
     if not checks:
+        reasons = "; ".join(note.rstrip(".") for note in notes)
         raise InputError(
-            "no Plug-in Gait angles with their segment axes or raw markers",
+            "no Plug-in Gait angles with their segment axes or raw markers"
+            + (f" ({reasons})" if reasons else ""),
             where=where,
             hint="run Plug-in Gait with its segment axes written (LFEO, LFEA, LFEL, LFEP, ...)",
         )

@@ -157,3 +157,15 @@ def test_recorded_files_survive_writing(shared_data, tmp_path, reader, name):
     if wanted.plates is not None:
         assert np.abs(found.plates.force - wanted.plates.force).max() < 1e-4
         assert np.abs(found.plates.torque - wanted.plates.torque).max() < 1e-4
+
+
+def test_a_plate_that_nobody_stepped_on_is_written_unloaded(tmp_path, reader):
+    """Force files give NaN as the point of an unloaded plate."""
+    wanted = recording(plates=2)
+    wanted.plates.force[:, 1], wanted.plates.torque[:, 1] = 0.0, 0.0
+    wanted.plates.point[:, 1] = np.nan
+    path = tmp_path / "out.c3d"
+    write_c3d(path, wanted)
+    found = read_recording(path, None, None, reader)
+    assert not found.plates.force[:, 1].any()
+    assert np.abs(found.plates.force[:, 0] - wanted.plates.force[:, 0]).max() < 1e-3

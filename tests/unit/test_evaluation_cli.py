@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 
 from hilbrace import cli
 from hilbrace.cli import main
@@ -181,6 +182,70 @@ def test_angles_of_every_trial(study, tmp_path, capsys):
     assert "unbraced_1" in capsys.readouterr().out
 
 
+def changed_study(study: Path, folder: Path, change) -> Path:
+    """Another study file, of two of the conditions, that reads the same trials."""
+    content = tomllib.loads(study.read_text())
+    content["standing"] = str(study.parent / "standing.c3d")
+    content["conditions"] = [content["conditions"][0], content["conditions"][-1]]
+    for condition in content["conditions"]:
+        condition["trials"] = [str(study.parent / name) for name in condition["trials"]]
+    change(content["conditions"])
+    path = folder / "study.toml"
+    path.write_text(tomli_w.dumps(content))
+    return path
+
+
+def test_single_trials_have_no_intervals_and_no_nan(study, tmp_path, capsys):
+    def keep_one(conditions):
+        for condition in conditions:
+            condition["trials"] = condition["trials"][:1]
+
+    path = changed_study(study, tmp_path, keep_one)
+    assert main(["evaluate", "table", str(path)]) == 0
+    shown = capsys.readouterr()
+    assert shown.out.count("a single trial has no confidence interval") == 2
+    assert shown.err == ""
+    page = re.sub(r"base64,[^\"]+", "", (tmp_path / "evaluation/report.html").read_text())
+    assert not re.search(r"\bnan\b", page)
+    content = json.loads((tmp_path / "evaluation/table.json").read_text(), parse_constant=pytest.fail)
+    frontal = [cell for cell in content["cells"] if cell["plane"] == "frontal"]
+    assert all(cell["ci_low_deg"] is None and cell["unbiased_deg2"] is None for cell in frontal)
+
+
+def test_names_are_printed_as_they_are(study, tmp_path, capsys):
+    def rename(conditions):
+        conditions[1]["name"] = "Brace [/b] :bug: <b>"
+
+    path = changed_study(study, tmp_path, rename)
+    assert main(["evaluate", "table", str(path)]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "Brace [/b]" in shown
+    assert ":bug:" in shown
+    assert "Brace [/b] :bug: &lt;b&gt;" in (tmp_path / "evaluation/report.html").read_text()
+
+
+def test_trials_of_one_name_in_two_folders_get_two_files_and_two_events(study, tmp_path, capsys):
+    def in_folders(conditions):
+        for folder, condition in zip(("none", "brace"), conditions, strict=True):
+            (tmp_path / folder).mkdir()
+            for number, name in enumerate(condition["trials"], 1):
+                shutil.copy(name, tmp_path / folder / f"T{number}.c3d")
+            condition["trials"] = f"{folder}/*.c3d"
+
+    path = changed_study(study, tmp_path, in_folders)
+    assert main(["evaluate", "angles", str(path)]) == 0
+    assert len(list((tmp_path / "evaluation/angles").glob("*.csv"))) == 6
+    assert main(["evaluate", "table", str(path)]) == 0
+    events = tomllib.loads((tmp_path / "evaluation/events.toml").read_text())["events"]
+    assert sorted(events) == [
+        f"{folder}/T{number}.c3d" for folder in ("brace", "none") for number in (1, 2, 3)
+    ]
+    with path.open("a") as stream:
+        stream.write((tmp_path / "evaluation/events.toml").read_text())
+    assert main(["evaluate", "table", str(path), "--json"]) == 0
+    capsys.readouterr()
+
+
 @pytest.mark.parametrize(
     ("words", "code", "parts"),
     [
@@ -225,4 +290,5 @@ def test_stored_plug_in_gait_angles(shared_data, capsys):
     assert main(["evaluate", "verify-pig", files[0], other]) == 1
     shown = capsys.readouterr().out
     assert "reproduced" in shown
+    assert "RMS [deg]" in shown
     assert "no Plug-in Gait angles" in shown

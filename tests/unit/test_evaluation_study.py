@@ -94,3 +94,55 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path):
         read_study(tmp_path / "none.toml")
     with pytest.raises(ConfigError, match="this is a folder"):
         read_study(tmp_path)
+
+
+def in_folders(folder: Path) -> Path:
+    """The same study as laboratories store it: one folder per condition, T1, T2, ... in each."""
+    for condition in ("none", "brace"):
+        (folder / condition).mkdir()
+        for number in (1, 2):
+            (folder / condition / f"T{number}.c3d").touch()
+    text = STUDY.replace('["u1.c3d", "u2.c3d"]', '"none/*.c3d"').replace('"b*.c3d"', '"brace/*.c3d"')
+    path = folder / "folders.toml"
+    path.write_text(text.replace('[events."u2.c3d"]', '[events."brace/T2.c3d"]'))
+    return path
+
+
+def test_files_of_one_name_in_several_folders_stay_apart(folder):
+    study = read_study(in_folders(folder))
+    assert [trial.name for trial in study.trials] == ["none_T1", "none_T2", "brace_T1", "brace_T2"]
+    assert [trial.key for trial in study.trials][2:] == ["brace/T1.c3d", "brace/T2.c3d"]
+    assert [trial.events.landing_s for trial in study.trials] == [None, None, None, 1.85]
+
+
+def test_an_event_of_a_name_that_several_files_have_is_refused(folder):
+    path = in_folders(folder)
+    path.write_text(path.read_text().replace("brace/T2.c3d", "T2.c3d"))
+    with pytest.raises(ConfigError, match=r"events = 'T2\.c3d'") as caught:
+        read_study(path)
+    assert "T2.c3d'" in caught.value.hint
+
+
+def test_one_name_with_two_endings_is_refused(folder):
+    (folder / "b1.trc").touch()
+    with pytest.raises(ConfigError, match="listed twice"):
+        read_study(edit(folder, '"b*.c3d"', '"b1.*"'))
+
+
+@pytest.mark.parametrize("pattern", ["", "/no/such/folder/*.c3d", "**x/*.c3d"])
+def test_a_pattern_that_finds_nothing_is_refused(folder, pattern):
+    with pytest.raises(ConfigError, match="has no "):
+        read_study(edit(folder, '"b*.c3d"', f'"{pattern}"'))
+
+
+def test_a_pattern_may_name_its_folder_in_full_and_skips_hidden_copies(folder):
+    (folder / "._b1.c3d").touch()
+    pattern = f"{folder.as_posix()}/[._b]*.c3d"
+    assert len(read_study(edit(folder, '"b*.c3d"', f'"{pattern}"')).trials) == 5
+
+
+def test_no_trials_and_trials_of_another_kind_are_named(folder):
+    with pytest.raises(ConfigError, match="'Brace' has no trials"):
+        read_study(edit(folder, '"b*.c3d"', "[]"))
+    with pytest.raises(ConfigError, match=r"'conditions\.1\.trials' = 3"):
+        read_study(edit(folder, "trials = []", "trials = 3"))

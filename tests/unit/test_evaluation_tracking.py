@@ -375,3 +375,50 @@ def test_tracked_angles_agree_with_those_of_the_landmarks_themselves(recorded):
     difference = plain[known] + motion.knee_deg[known, 0]
     assert np.corrcoef(plain[known], -motion.knee_deg[known, 0])[0, 1] > 0.99
     assert difference.std() < 4.0
+
+
+# --- what other laboratories' files hold ----------------------------------------------------------------
+
+
+def test_a_foot_that_is_never_seen_costs_only_the_ankle():
+    rules = protocol(foot=True)
+    calibration = calibrated(rules)
+    trial = table(moving(200))
+    trial.positions[:, trial.names.index("HEE")] = np.nan
+    motion = track(trial, calibration, rules.processing, "t")
+    quality = judge(motion, calibration, "t")
+    assert np.isnan(motion.ankle_deg).all()
+    assert quality.known == 1.0
+    assert quality.flags == ("The foot never shows three markers at once.",)
+
+
+def test_the_wrong_side_is_refused_by_name():
+    """Calibrated as the other leg, in and out are exchanged and the knee seems to bend backwards."""
+    rules = protocol("right")
+    standing = Recording(table(limb.standing(50), "left"), None, ())
+    calibration = calibrate(standing, rules, "standing.c3d")
+    motion = track(table(moving(400), "left"), calibration, rules.processing, "t")
+    with pytest.raises(InputError, match="the knee extends by 75 deg and hardly bends") as caught:
+        judge(motion, calibration, "t")
+    assert "protocol.side" in caught.value.hint
+
+
+def test_all_landmarks_are_taken_from_the_same_still_second():
+    """The hip marker belongs to the second that calibrates, not to the walk before it."""
+    rules = protocol()
+    still, walk = limb.markers(limb.standing(300), "left"), limb.markers(moving(900), "left")
+    positions = np.concatenate([limb.stacked(walk), limb.stacked(still)])
+    both = replace(table(limb.standing(1200)), positions=positions)
+    calibration = calibrate(Recording(both, None, ()), rules, "standing.c3d")
+    assert calibration.thigh.proximal == pytest.approx([0.0, 0.9, 0.0], abs=1e-9)
+    assert calibration.knee_deg == pytest.approx(np.zeros(3), abs=1e-9)
+
+
+def test_a_laboratory_with_another_vertical_is_noticed():
+    rules = protocol()
+    standing = table(limb.standing(50))
+    assert calibrate(Recording(standing, None, ()), rules, "s").notes == ()
+    lying = replace(standing, positions=standing.positions[:, :, [0, 2, 1]] * [1.0, 1.0, -1.0])
+    notes = calibrate(Recording(lying, None, ()), rules, "s").notes
+    assert "leans by 90 deg" in notes[0]
+    assert "protocol.vertical_axis" in notes[0]

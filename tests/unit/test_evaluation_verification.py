@@ -95,6 +95,41 @@ def test_what_a_file_does_not_allow_is_said(walkers):
         knee_angles_from_markers(fewer, recording.measurements, "left", "fewer")
 
 
+def test_a_file_without_segment_axes_says_so_and_is_checked_from_its_markers(walkers):
+    recording = walkers["HC032A03"]
+    table = recording.markers
+    axes = {side + segment + point for side in "LR" for segment in ("FE", "TI", "FO") for point in "OALP"}
+    keep = [k for k, name in enumerate(table.names) if name not in axes]
+    names = tuple(table.names[k] for k in keep)
+    bare = replace(recording, markers=replace(table, names=names, positions=table.positions[:, keep]))
+    checks, notes = verify_plug_in_gait(bare, "bare")
+    assert [(check.name, check.source) for check in checks] == [
+        ("LKneeAngles", "markers"),
+        ("RKneeAngles", "markers"),
+    ]
+    assert notes == (
+        "The segment axes behind LKneeAngles, RKneeAngles, LAnkleAngles, RAnkleAngles are not stored.",
+    )
+    with pytest.raises(InputError, match="does not hold the measurement InterAsisDistance"):
+        verify_plug_in_gait(replace(bare, measurements={}), "bare")
+
+
+def test_a_side_that_was_not_captured_is_named_and_not_called_different(walkers):
+    """Plug-in Gait writes the labels of both sides, and nothing but gaps under those of the hidden one."""
+    recording = walkers["HC032A03"]
+    outputs = {
+        name: np.full_like(values, np.nan) if name.startswith("R") else values
+        for name, values in recording.outputs.items()
+    }
+    checks, notes = verify_plug_in_gait(replace(recording, outputs=outputs), "left leg")
+    assert {check.name for check in checks} == {"LKneeAngles", "LAnkleAngles"}
+    assert all(check.agrees for check in checks)
+    assert "RKneeAngles from axes: no frame holds both." in notes
+    nothing = {name: np.full_like(values, np.nan) for name, values in outputs.items()}
+    with pytest.raises(InputError, match="no frame holds both"):
+        verify_plug_in_gait(replace(recording, outputs=nothing), "nothing")
+
+
 def test_a_file_without_stored_angles_is_refused(shared_data):
     path = shared_data / "c3d_cluster_protocol/2022_01_0401.c3d"
     with C3DReader() as reader, pytest.raises(InputError, match="no Plug-in Gait angles"):

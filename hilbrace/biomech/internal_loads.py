@@ -185,42 +185,47 @@ def _geometric_stiffness(
     """Stiffness by moment arms that change with the angles, -sum F dR/dq [N*m/rad].
 
     Both sides are moved at once, since no muscle crosses joints of both. Arms are measured in poses
-    `ARM_SPACING_S` apart and their changes interpolated.
+    `ARM_SPACING_S` apart and their changes interpolated; those of muscles that do not cross do not change.
     """
     result = np.zeros((*arms.shape[:2], 3, 3))
-    crossing = np.flatnonzero(np.abs(arms).max(axis=(0, 1, 2), initial=0.0) > 0.0)
-    if not len(crossing):
-        return result
     frames = np.arange(len(arms))
     poses = np.unique([*frames[:: max(1, round(ARM_SPACING_S * rate_hz))], frames[-1]])
-    names = [name for joint in angles for name in joint]
-    muscles = [figures.names[k] for k in crossing]
-    for turned in _moved_together(loads.joints, angles):
-        columns = [loads.coordinate_names.index(name) for name in turned]
+    for turned, joints in _moved_together(loads.joints, angles):
+        crossing = np.flatnonzero(np.abs(arms[:, joints]).max(axis=(0, 1, 2), initial=0.0) > contact.NO_PULL)
+        if not len(crossing):
+            continue
+        names = [name for k in joints for name in angles[k]]
         step = np.zeros(loads.coordinates.shape[1])
-        step[columns] = ARM_STEP
+        step[[loads.coordinate_names.index(name) for name in turned]] = ARM_STEP
         low, high = (
             engine.call(
-                "moment_arms", coordinates=loads.coordinates[poses] + change, rows=names, names=muscles
+                "moment_arms",
+                coordinates=loads.coordinates[poses] + change,
+                rows=names,
+                names=[figures.names[k] for k in crossing],
             )
             for change in (-step, step)
         )
         slope = make_interp_spline(poses, (high - low) / (2.0 * ARM_STEP), k=1)(frames)
-        for k, joint in enumerate(angles):
-            for axis, name in enumerate(joint):
+        for k in joints:
+            for axis, name in enumerate(angles[k]):
                 if name in turned:
-                    rows = [names.index(other) for other in joint]
+                    rows = [names.index(other) for other in angles[k]]
                     change = np.einsum("frm,fm->fr", slope[:, rows], tension[:, crossing])
-                    result[:, k, : len(joint), axis] = -change
+                    result[:, k, : len(rows), axis] = -change
     return 0.5 * (result + np.swapaxes(result, 2, 3))
 
 
-def _moved_together(joints: Sequence[str], angles: Sequence[Sequence[str]]) -> list[list[str]]:
-    """Coordinates by kind of joint and axis, right and left together."""
-    together: dict[tuple[str, int], list[str]] = {}
-    for joint, names in zip(joints, angles, strict=True):
+def _moved_together(
+    joints: Sequence[str], angles: Sequence[Sequence[str]]
+) -> list[tuple[list[str], list[int]]]:
+    """Coordinates by kind of joint and axis, right and left together, and the numbers of their joints."""
+    together: dict[tuple[str, int], tuple[list[str], list[int]]] = {}
+    for k, (joint, names) in enumerate(zip(joints, angles, strict=True)):
         for axis, name in enumerate(names):
-            together.setdefault((joint.split("_")[0], axis), []).append(name)
+            turned, owners = together.setdefault((joint.split("_")[0], axis), ([], []))
+            turned.append(name)
+            owners.append(k)
     return list(together.values())
 
 

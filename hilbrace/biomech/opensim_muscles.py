@@ -208,7 +208,7 @@ def _points(muscles: Sequence[Any], state: Any, bodies: list[str]) -> Points:
     """Where muscles pull on bodies, wraps and moving points included; points on the ground are left out."""
     number = {name: k for k, name in enumerate(bodies)}
     owners: list[tuple[int, int]] = []
-    figures: list[tuple[float, ...]] = []
+    figures: list[tuple[Array, Array]] = []
     for owner, muscle in enumerate(muscles):
         found = osim.ArrayPointForceDirection()
         path = osim.GeometryPath.safeDownCast(muscle.updPath())
@@ -229,7 +229,7 @@ def _points(muscles: Sequence[Any], state: Any, bodies: list[str]) -> Points:
                     continue
                 place = frame.findTransformInBaseFrame().shiftFrameStationToBase(place)
             owners.append((owner, body))
-            figures.append((*(place.get(i) for i in range(3)), *(pull.get(i) for i in range(3))))
+            figures.append((place.to_numpy(), pull.to_numpy()))
     muscle_of, body_of = np.array(owners, dtype=int).reshape(-1, 2).T
-    table = np.array(figures, dtype=float).reshape(-1, 6)
-    return Points(muscle_of, body_of, table[:, :3], table[:, 3:])
+    table = np.array(figures, dtype=float).reshape(-1, 2, 3)
+    return Points(muscle_of, body_of, table[:, 0], table[:, 1])

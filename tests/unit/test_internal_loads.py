@@ -14,10 +14,11 @@ import pytest
 
 from hilbrace.biomech.analysis import compute_joint_loads
 from hilbrace.biomech.engine import Engine
-from hilbrace.biomech.internal_loads import with_muscles
+from hilbrace.biomech.internal_loads import ARM_STEP, with_muscles
 from hilbrace.biomech.joint_loads import JOINTS, JointLoads, without_muscles
 from hilbrace.biomech.loads_csv import write_joint_loads_csv
 from hilbrace.biomech.muscle_tables import write_muscle_tables
+from hilbrace.biomech.subject_model import subject_model
 from hilbrace.body.build import build_body
 from hilbrace.config import BiomechSettings, BodySettings, MotionSettings
 from hilbrace.errors import InputError
@@ -130,6 +131,56 @@ def test_a_dozen_muscles_cross_each_knee_and_none_of_the_other_side(loads):
     assert np.abs(loads.geometric_stiffness).max() > 1.0
 
 
+LENGTHS = """
+import json, sys
+import opensim as osim
+osim.Logger.setLevelString("Off")
+order = json.load(sys.stdin)
+model = osim.Model(order["model"])
+coordinates, muscles = model.getCoordinateSet(), model.getMuscles()
+for k in range(coordinates.getSize()):
+    coordinates.get(k).setDefaultClamped(False)
+    coordinates.get(k).setDefaultLocked(False)
+state = model.initSystem()
+def lengths(values):
+    for name, value in values.items():
+        coordinates.get(name).setValue(state, value, False)
+    for side in "rl":
+        coordinates.get(f"knee_angle_{side}_beta").setValue(state, values[f"knee_angle_{side}"], False)
+    model.realizePosition(state)
+    return [muscles.get(k).getLength(state) for k in range(muscles.getSize())]
+json.dump([lengths(values) for values in order["poses"]], sys.stdout)
+"""
+
+
+def test_geometric_stiffness_is_the_curvature_of_the_muscles_lengths(loads, trial, body, tmp_path):
+    """OpenSim's lengths L at posed angles: the stiffness is sum F d2L/dq2, probed over the same step."""
+    with Engine() as engine:
+        subject_model(engine, trial, body, read_marker_map("hilbrace"), BiomechSettings())
+        engine.call("write_model", path=str(tmp_path / "subject.osim"))
+    frame, small = 0, 1e-4
+    pose = dict(zip(loads.coordinate_names, loads.coordinates[frame].tolist(), strict=True))
+    names = [f"{name}_l" for name in ("knee_angle", "knee_adduction", "knee_rotation", "ankle_angle")]
+    offsets = [far + near for far in (ARM_STEP, -ARM_STEP) for near in (small, -small)]
+    poses = [pose | {name: pose[name] + offset} for name in names for offset in offsets]
+    found = subprocess.run(
+        [sys.executable, "-c", LENGTHS],
+        input=json.dumps({"model": str(tmp_path / "subject.osim"), "poses": poses}),
+        text=True,
+        check=True,
+        capture_output=True,
+        cwd=tmp_path,
+        timeout=120,
+    )
+    lengths = np.array(json.loads(found.stdout)).reshape(len(names), 2, 2, -1)
+    slopes = (lengths[:, :, 0] - lengths[:, :, 1]) / (2.0 * small)
+    expected = (slopes[:, 0] - slopes[:, 1]) / (2.0 * ARM_STEP) @ loads.muscle_force[frame]
+    knee, ankle = (loads.joints.index(joint) for joint in ("knee_l", "ankle_l"))
+    ours = [*np.diag(loads.geometric_stiffness[frame, knee]), loads.geometric_stiffness[frame, ankle, 0, 0]]
+    assert np.abs(expected).max() > 1.0
+    assert ours == pytest.approx(expected.tolist(), rel=1e-3, abs=1e-3)
+
+
 def test_the_literal_convention_counts_the_pull_on_the_distal_bone(loads, trial, body):
     literal = analyse(trial, body, convention="paper_literal")
     assert np.allclose(literal.acting_force, loads.contact_force - pull_of(loads), atol=1e-6)
@@ -204,7 +255,9 @@ def test_the_literal_convention_needs_muscles(trial, body, bare_model):
 
 
 class CannedEngine(Engine):
-    """Answers of an engine for a model with one muscle, at the right knee."""
+    """Answers of an engine for a model with one muscle, at the right knee; remembers what arms it gave."""
+
+    probed: tuple[tuple[str, ...], ...] = ()
 
     def call(self, task, *, progress=None, **arguments):
         frames = len(arguments.get("coordinates", ()))
@@ -220,6 +273,7 @@ class CannedEngine(Engine):
         if task == "inverse_dynamics":
             return np.zeros_like(arguments["coordinates"])
         if task == "moment_arms":
+            self.probed = (*self.probed, tuple(arguments["rows"]))
             return np.zeros((frames, len(arguments["rows"]), 1))
         arms = np.zeros((frames, len(arguments["rows"]), 1))
         arms[:, arguments["rows"].index("knee_angle_r")] = -0.04
@@ -239,8 +293,9 @@ def test_joints_without_muscles_and_locked_coordinates_are_named(loads):
         notes=(),
         **without_muscles(len(values), len(JOINTS), len(names)),
     )
+    engine = CannedEngine()
     found = with_muscles(
-        CannedEngine(),
+        engine,
         bare,
         50.0,
         parts=[("tibia_r",), ("tibia_l",), ("talus_r",), ("talus_l",)],
@@ -254,3 +309,4 @@ def test_joints_without_muscles_and_locked_coordinates_are_named(loads):
     text = " ".join(found.notes)
     assert "no muscle of the model crosses knee_l, ankle_r, ankle_l" in text
     assert "subtalar_angle_r, subtalar_angle_l: locked" in text
+    assert engine.probed == (("knee_angle_r", "knee_angle_l"),) * 2

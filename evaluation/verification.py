@@ -23,6 +23,11 @@ Array = np.ndarray
 TOLERANCE_DEG = 1e-3
 """Largest difference at which angles count as reproduced."""
 
+WHOLE_NUMBERS_DEG = 0.1
+"""Largest root mean square difference that counts as reproduced where a file stores whole numbers. In two
+recorded trials rounded to steps of 0.01 to 0.1 mm and deg it was 0.3 to 0.45 of the step, in degrees; a whole
+step is granted, up to this limit."""
+
 SIDES: tuple[Side, Side] = ("left", "right")
 
 _SEGMENTS = {"Knee": ("FE", "TI"), "Ankle": ("TI", "FO")}
@@ -40,6 +45,7 @@ class JointCheck:
         largest_deg: Largest difference, plane by plane [deg].
         stored_deg: Angles as stored [deg]; NaN in gaps.
         computed_deg: Ours [deg].
+        step: Step of the file's numbers where they are whole ones; 0 for floats.
     """
 
     name: str
@@ -49,10 +55,13 @@ class JointCheck:
     largest_deg: Float[Array, " 3"]
     stored_deg: Float[Array, "frame 3"]
     computed_deg: Float[Array, "frame 3"]
+    step: float
 
     @property
     def agrees(self) -> bool:
-        """Whether every angle of every frame is reproduced."""
+        """Whether every angle of every frame is reproduced, as far as the file's numbers can tell."""
+        if self.step:
+            return bool((self.rms_deg <= _granted_deg(self.step)).all())
         return bool((self.largest_deg <= TOLERANCE_DEG).all())
 
 
@@ -76,6 +85,11 @@ def verify_plug_in_gait(recording: C3DRecording, where: str) -> tuple[list[Joint
         if _is_stored(recording, joint, side)
     ]
     notes = []
+    if recording.step:
+        notes.append(
+            f"The file stores whole numbers, in steps of {recording.step:.3g} of its units: "
+            f"a root mean square of {_granted_deg(recording.step):.3g} deg counts as reproduced."
+        )
     without_axes = [
         name
         for joint in _SEGMENTS
@@ -110,6 +124,11 @@ def verify_plug_in_gait(recording: C3DRecording, where: str) -> tuple[list[Joint
     return checks, tuple(notes)
 
 
+def _granted_deg(step: float) -> float:
+    """Root mean square difference that whole numbers of this step explain [deg]."""
+    return max(TOLERANCE_DEG, min(WHOLE_NUMBERS_DEG, step))
+
+
 def _is_stored(recording: C3DRecording, joint: str, side: Side) -> bool:
     letter = side[0].upper()
     points = {letter + segment + point for segment in _SEGMENTS[joint] for point in "OALP"}
@@ -139,4 +158,5 @@ def _compare(
         np.abs(difference).max(axis=0),
         stored,
         computed,
+        recording.step,
     )

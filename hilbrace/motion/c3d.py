@@ -54,6 +54,7 @@ class C3DRecording:
             units; NaN where the file holds none.
         measurements: The subject's measurements (group PROCESSING of Vicon's files), in the file's own units.
         notes: What was left out or assumed, one sentence each.
+        step: Step of values that are stored as whole numbers, in the file's own units; 0 for floats.
     """
 
     markers: MarkerTable
@@ -61,6 +62,7 @@ class C3DRecording:
     outputs: dict[str, Float[Array, "frame 3"]]
     measurements: dict[str, float]
     notes: tuple[str, ...]
+    step: float
 
 
 class C3DReader:
@@ -224,7 +226,7 @@ def _recording(content: dict[str, Any], header: C3DHeader, path: Path) -> C3DRec
     plates, yet_more = _plates(content, header, rate, path)
     computed = {name: points[:, k] for name, k in outputs.items()}
     measured = dict(zip(map(str, content["measured"]), content["measurements"].tolist(), strict=True))
-    return C3DRecording(markers, plates, computed, measured, (*notes, *more, *yet_more))
+    return C3DRecording(markers, plates, computed, measured, (*notes, *more, *yet_more), header.step)
 
 
 def _scale(units: str, path: Path) -> tuple[float, tuple[str, ...]]:

@@ -31,6 +31,7 @@ class C3DHeader:
         expected_bytes: Length of the file up to its last frame.
         processor: Byte order and number format: 84 (Intel), 85 (DEC) or 86 (MIPS, as in SGI computers).
         analog_described: The parameters give the analog values' channels and rate, or there are no values.
+        step: Step of points that are stored as whole numbers, in the file's units; 0 for floats.
     """
 
     points: int
@@ -40,6 +41,7 @@ class C3DHeader:
     expected_bytes: int
     processor: int
     analog_described: bool
+    step: float
 
 
 def check_c3d(path: Path) -> C3DHeader:
@@ -82,7 +84,8 @@ def check_c3d(path: Path) -> C3DHeader:
             hint="export the recording in parts of less than 65536 frames",
         )
     described = not values or bool(channels and parameters.get("ANALOG:RATE"))
-    return C3DHeader(points, frames, per_frame, values, expected, processor, described)
+    step = max(0.0, real(content[12:16], processor))
+    return C3DHeader(points, frames, per_frame, values, expected, processor, described, step)
 
 
 def byte_order(processor: int) -> str:

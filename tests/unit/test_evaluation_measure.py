@@ -13,8 +13,9 @@ from evaluation.measure import measure_study
 from evaluation.results import evaluate
 from evaluation.study import read_study
 from hilbrace.errors import ConfigError, InputError
+from hilbrace.motion.c3d import C3DReader
 from hilbrace.motion.opensim_files import write_trc
-from hilbrace.motion.recording import Recording
+from hilbrace.motion.recording import Recording, read_recording
 from mocks import synthetic_limb as limb
 from mocks import synthetic_study as made_up
 from tests.unit.evaluation_leg import moving, table
@@ -153,6 +154,25 @@ def test_trc_files_give_the_same_angles(folder):
         assert np.abs(one.motion.knee_deg - other.motion.knee_deg).max() < 1e-3
     events = evaluate(by_trc).events
     assert {event.found_by for event in events} == {"markers"}
+
+
+def test_the_mirror_image_of_a_study_has_the_same_table(folder):
+    """Every file mirrored in the sagittal plane, and the other side named."""
+    before = evaluate(measure_study(read_study(folder / "study.toml")))
+    with C3DReader() as reader:
+        for path in folder.glob("*.c3d"):
+            found = read_recording(path, None, None, reader)
+            markers, plates = found.markers, found.plates
+            markers = replace(markers, positions=markers.positions * [1.0, 1.0, -1.0])
+            if plates is not None:
+                turned = {name: getattr(plates, name) * [1.0, 1.0, -1.0] for name in ("force", "point")}
+                plates = replace(plates, torque=plates.torque * [-1.0, -1.0, 1.0], **turned)
+            write_c3d(path, replace(found, markers=markers, plates=plates))
+    after = evaluate(measure_study(read_study(edit(folder, 'side = "left"', 'side = "right"'))))
+    assert after.events == before.events
+    for method, table_ in before.tables.items():
+        assert np.abs(after.tables[method].signed_deg - table_.signed_deg).max() < 1e-9
+        assert np.abs(after.tables[method].low_deg - table_.low_deg).max() < 1e-9
 
 
 def test_a_trial_of_another_session_is_refused_with_its_name(folder):

@@ -15,6 +15,7 @@ from evaluation.conventional_gait import joint_centre, knee_angles_from_markers
 from evaluation.verification import verify_plug_in_gait
 from hilbrace.errors import InputError
 from hilbrace.motion.c3d import C3DReader
+from hilbrace.motion.c3d_header import check_c3d
 from hilbrace.motion.opensim_files import MarkerTable
 
 
@@ -93,6 +94,23 @@ def test_what_a_file_does_not_allow_is_said(walkers):
     fewer = MarkerTable(tuple(table.names[k] for k in keep), table.time, 100.0, table.positions[:, keep])
     with pytest.raises(InputError, match="no marker LKNE"):
         knee_angles_from_markers(fewer, recording.measurements, "left", "fewer")
+
+
+@pytest.mark.parametrize("step", [0.01, 0.1])
+def test_a_file_of_whole_numbers_is_held_to_what_it_can_tell(walkers, step):
+    """Millimetres and degrees in steps, as older exports store them."""
+    recording = walkers["HC032A03"]
+    markers = replace(
+        recording.markers, positions=np.round(recording.markers.positions * 1000 / step) * step / 1000
+    )
+    outputs = {name: np.round(values / step) * step for name, values in recording.outputs.items()}
+    coarse = replace(recording, markers=markers, outputs=outputs, step=step)
+    checks, notes = verify_plug_in_gait(coarse, "coarse")
+    assert "whole numbers, in steps of" in notes[0]
+    assert all(check.agrees for check in checks)
+    assert not any(check.agrees for check in verify_plug_in_gait(replace(coarse, step=0.0), "floats")[0])
+    outputs["LKneeAngles"] = outputs["LKneeAngles"] + 2 * step
+    assert not verify_plug_in_gait(coarse, "shifted")[0][0].agrees
 
 
 def test_a_file_without_segment_axes_says_so_and_is_checked_from_its_markers(walkers):
@@ -176,3 +194,8 @@ def test_raw_markers_give_what_pycgm_gives(walkers, shared_data):
     for side in ("left", "right"):
         ours = knee_angles_from_markers(recording.markers, recording.measurements, side, "stairs")
         assert np.abs(ours - np.array(theirs[side])).max() < 1e-3
+
+
+def test_the_step_of_whole_numbers_is_read_from_the_header(shared_data):
+    assert check_c3d(shared_data / "c3d_force_plates/TYPE-2.C3D").step == pytest.approx(0.166829, abs=1e-6)
+    assert check_c3d(shared_data / "c3d_plugin_gait/mcgill_HC038A/HC038A01.c3d").step == 0.0

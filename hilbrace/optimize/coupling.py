@@ -35,6 +35,9 @@ from hilbrace.shell import ShellModel, family_wrenches_at, joint_stiffness
 from hilbrace.shell.loops import rotation_about
 from hilbrace.units import MM_PER_M
 
+_JOINT = np.zeros(3)
+"""Where the domain puts the joint centre [mm]."""
+
 
 class BraceSpring(NamedTuple):
     """A brace as a spring at the joint, in each posture of a problem.
@@ -95,7 +98,9 @@ def brace_spring(problem: Problem, loops: Float[Tensor, "posture 12 12"]) -> Bra
         problem: The design task.
         loops: Stiffness between the loops in every posture.
     """
-    stiffness = [joint_stiffness(k, p.shell, p.axes) for k, p in zip(loops, problem.postures, strict=True)]
+    stiffness = [
+        joint_stiffness(k, p.shell, p.axes, _JOINT) for k, p in zip(loops, problem.postures, strict=True)
+    ]
     pull = [_pull(k, p.shell, p.axes) for k, p in zip(loops, problem.postures, strict=True)]
     return BraceSpring(torch.stack(stiffness) / MM_PER_M, torch.stack(pull))
 
@@ -135,7 +140,7 @@ def predict_by_reactions(problem: Problem, response: BraceResponse) -> Predictio
         response: What the brace answers.
     """
     motion = problem.motion
-    held = family_wrenches_at(response.frames.reactions, problem.shapes)
+    held = family_wrenches_at(response.frames.reactions, problem.shapes, _JOINT)
     clock = torch.from_numpy(resampling(problem.domain.time, motion.time.numpy()))
     lower = -(clock @ held[:, 6:])
     force, moment = lower[:, :3], lower[:, 3:] / MM_PER_M
@@ -153,5 +158,5 @@ def _pull(
     loops: Float[Tensor, "12 12"], shell: ShellModel, axes: Float[np.ndarray, "axis 3"]
 ) -> Float[Tensor, "3 axis"]:
     """Force of the lower loop on the limb per radian about each axis [N/rad]."""
-    turn = torch.from_numpy(rotation_about(shell.centres, np.zeros(3), axes))
+    turn = torch.from_numpy(rotation_about(shell.centres, _JOINT, axes))
     return -(loops[6:9] @ turn)

@@ -1,6 +1,6 @@
 """Shell finite elements of the brace: modulus per triangle in, compliance, reactions and stiffness out."""
 
-from hilbrace.shell.boundary import end_loops
+from hilbrace.shell.boundary import boundary_loops, end_loops
 from hilbrace.shell.brace_stiffness import BraceStiffness, brace_stiffness
 from hilbrace.shell.foundation import Foundation, skin
 from hilbrace.shell.geometry import GeometryMode, ShellFamily, cluster_frames, geometry_mode, shell_family
@@ -39,6 +39,7 @@ __all__ = [
     "SkinReaction",
     "SolverPool",
     "available_backends",
+    "boundary_loops",
     "brace_stiffness",
     "build_shell",
     "cluster_frames",

@@ -12,6 +12,8 @@ Array = np.ndarray
 _CLEAR = 1.25
 """Least ratio between the area that an end of the brace encloses and that of the largest window [-]."""
 
+_NAME_THEM = "name the vertices of both ends by the argument loops; boundary_loops gives all open edges"
+
 
 def boundary_loops(triangles: Int[Array, "triangle 3"]) -> list[Int[Array, " loop"]]:
     """Closed loops of open edges, each in the order and direction of its triangles' edges.
@@ -59,7 +61,8 @@ def end_loops(
     """The two loops of a brace that go around the limb; windows are passed over.
 
     An end encloses the limb and a window only a patch of its skin, so that the two loops of the largest
-    vector area are the ends.
+    vector area are the ends, and windows lie between them. Where this does not hold, as with a window wider
+    than a slim end, nothing is guessed.
 
     Args:
         vertices: Positions [mm].
@@ -70,7 +73,7 @@ def end_loops(
         The upper and the lower loop.
 
     Raises:
-        GeometryError: There are fewer than two loops, or a window is as large as an end.
+        GeometryError: There are fewer than two loops, or a window is as large as an end or lies beyond one.
     """
     loops = boundary_loops(triangles)
     if len(loops) < 2:
@@ -85,8 +88,18 @@ def end_loops(
         raise GeometryError(
             "a window of the mesh is as large as an end, so that the ends cannot be told",
             where=f"loops of {areas[order[1]]:.0f} and {areas[order[2]]:.0f} mm^2",
-            hint="name the vertices of both ends by the argument loops",
+            hint=_NAME_THEM,
+        )
+    centres = np.stack([vertices[loop].mean(axis=0) for loop in loops])
+    between = centres[order[0]] - centres[order[1]]
+    height = centres @ between
+    beyond = np.flatnonzero((height > height[order[0]]) | (height < height[order[1]]))
+    if beyond.size:
+        raise GeometryError(
+            "the largest open edges of the mesh are not its outermost ones, so that the ends cannot be told",
+            where=f"loop of {len(loops[beyond[0]])} edges at vertex {loops[beyond[0]][0]}",
+            hint=_NAME_THEM,
         )
     first, second = (loops[k] for k in order[:2])
-    higher = (vertices[first].mean(axis=0) - vertices[second].mean(axis=0)) @ axis > 0
+    higher = between @ axis > 0
     return (first, second) if higher else (second, first)

@@ -11,12 +11,17 @@ from jaxtyping import Float, Int
 from hilbrace.errors import GeometryError
 from hilbrace.shell.boundary import end_loops
 from hilbrace.shell.joint_stiffness import joint_stiffness
+from hilbrace.shell.mesh_checks import check_sheet
 from hilbrace.shell.model import build_shell
 from hilbrace.shell.response import loop_stiffness
 from hilbrace.shell.section import Section
 from hilbrace.units import MM_PER_M
 
 Array = np.ndarray
+
+
+_ALONG = 0.25
+"""Least cosine between the upward axis and the line through the centres of the ends: 75 degrees."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,8 @@ def brace_stiffness(
     modulus_mpa: float | Float[Array, " triangle"],
     thickness_mm: float | Float[Array, " triangle"],
     wall: float | Section = 0.45,
-    centre: Float[Array, " xyz"] | None = None,
+    *,
+    centre: Float[Array, " xyz"],
     axes: Float[Array, "3 3"] | None = None,
     loops: tuple[Int[Array, " upper"], Int[Array, " lower"]] | None = None,
 ) -> BraceStiffness:
@@ -68,7 +74,7 @@ def brace_stiffness(
     >>> right = np.roll(here, -1, axis=1)
     >>> lower, upper = np.stack([here, right, right + 40], -1), np.stack([here, right + 40, here + 40], -1)
     >>> triangles = np.concatenate([lower, upper]).reshape(-1, 3)
-    >>> stiffness = brace_stiffness(vertices, triangles, modulus_mpa=1.15, thickness_mm=4.0)
+    >>> stiffness = brace_stiffness(vertices, triangles, 1.15, thickness_mm=4.0, centre=np.zeros(3))
     >>> print(f"{stiffness.frontal_nm_per_deg:.2f} N*m/deg, {stiffness.stretch_n_per_mm:.1f} N/mm")
     0.18 N*m/deg, 5.9 N/mm
 
@@ -78,27 +84,29 @@ def brace_stiffness(
         modulus_mpa: Young's modulus, one for all or one for each triangle [MPa].
         thickness_mm: Thickness, one for all or one for each triangle [mm].
         wall: Poisson's ratio of a uniform isotropic wall [-], or the section of any other.
-        centre: Centre of the joint [mm]; midway between the centres of the ends if left out.
+        centre: Centre of the joint [mm]; the origin for a domain of hilbrace. About another centre the brace
+            is stiffer or softer by its shear.
         axes: Unit vectors of the anterior, the upward and the lateral axis; x, y and z if left out.
         loops: Vertices of the upper and the lower end; found by themselves if left out.
 
     Raises:
-        GeometryError: The mesh is no sleeve between two ends, or the axes are no unit vectors.
+        GeometryError: The mesh is no sleeve between two ends, the axes are no unit vectors, or the limb does
+            not run along the upward one.
         SolverError: The modulus is not positive, or a part of the mesh is held by nothing.
     """
-    frame = np.eye(3) if axes is None else np.asarray(axes, dtype=float)
-    if not np.allclose(np.linalg.norm(frame, axis=1), 1.0, atol=1e-6):
-        raise GeometryError(
-            "the axes of the joint are no unit vectors",
-            where="argument axes",
-            hint="give three vectors of length one: anterior, upward, lateral",
-        )
-    upper, lower = end_loops(vertices, triangles, frame[1]) if loops is None else loops
+    frame = _axes(axes)
+    vertices, triangles = np.asarray(vertices, dtype=float), np.asarray(triangles)
+    if loops is None:
+        check_sheet(vertices, triangles)
+        loops = end_loops(vertices, triangles, frame[1])
+    upper, lower = loops
     shell = build_shell(vertices, triangles, upper, lower, thickness_mm, wall)
-    modulus = np.array(np.broadcast_to(np.asarray(modulus_mpa, dtype=float), len(triangles)))
+    _check_upward(shell.centres, frame[1])
+    modulus = np.array(modulus_mpa, dtype=float)
+    if modulus.ndim == 0:
+        modulus = np.full(len(triangles), float(modulus))
     stiffness = loop_stiffness(torch.from_numpy(modulus), shell)
-    point = shell.centres.mean(axis=0) if centre is None else np.asarray(centre, dtype=float)
-    about = np.diag(joint_stiffness(stiffness, shell, frame, point).numpy()) * np.deg2rad(1.0) / MM_PER_M
+    about = np.diag(joint_stiffness(stiffness, shell, frame, centre).numpy()) * np.deg2rad(1.0) / MM_PER_M
     between = stiffness.numpy()
     return BraceStiffness(
         frontal_nm_per_deg=float(about[0]),
@@ -109,3 +117,26 @@ def brace_stiffness(
         upper_loop=upper,
         lower_loop=lower,
     )
+
+
+def _axes(axes: Float[Array, "3 3"] | None) -> Float[Array, "3 3"]:
+    frame = np.eye(3) if axes is None else np.asarray(axes, dtype=float)
+    if frame.shape != (3, 3) or not np.allclose(np.linalg.norm(frame, axis=1), 1.0, atol=1e-6):
+        raise GeometryError(
+            "the axes of the joint are no three unit vectors",
+            where="argument axes",
+            hint="give three vectors of length one: anterior, upward, lateral",
+        )
+    return frame
+
+
+def _check_upward(centres: Float[Array, "2 3"], upward: Float[Array, " xyz"]) -> None:
+    """A mesh that stands on another axis would have its stiffnesses named wrongly."""
+    along = centres[0] - centres[1]
+    cosine = float(abs(along @ upward) / np.linalg.norm(along))
+    if not cosine > _ALONG:
+        raise GeometryError(
+            f"the limb runs at {np.rad2deg(np.arccos(cosine)):.0f} degrees to the upward axis",
+            where="argument axes",
+            hint="give the anterior, the upward and the lateral axis in the frame of the mesh",
+        )

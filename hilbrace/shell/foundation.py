@@ -75,7 +75,8 @@ def skin(
         axis: Direction of the limb, upwards; y, as in the neutral pose, if left out.
 
     Raises:
-        GeometryError: The stiffness or the share is negative or not finite.
+        GeometryError: The stiffness or the share is negative or not finite, or no part of the brace lies
+                above or below the joint line.
     """
     if not (0.0 <= stiffness_n_per_mm3 < np.inf and 0.0 <= tangential_share < np.inf):
         raise GeometryError(
@@ -85,8 +86,57 @@ def skin(
         )
     along = np.array([0.0, 1.0, 0.0]) if axis is None else np.asarray(axis)
     origin = np.zeros(3) if centre is None else np.asarray(centre)
-    lower = ((vertices - origin) @ along < 0.0).astype(float)
+    height = (vertices - origin) @ along
+    if not (height.min() < 0.0 < height.max()):
+        raise GeometryError(
+            "no part of the brace lies on the other side of the joint line",
+            where=f"skin foundation of the shell, heights {height.min():.0f} to {height.max():.0f} mm",
+            hint="give the centre of the joint and the direction of the limb in the frame of the mesh",
+        )
+    lower = (height < 0.0).astype(float)
     return Foundation(stiffness_n_per_mm3, tangential_share * stiffness_n_per_mm3, lower)
+
+
+def check_foundation(
+    foundation: Foundation,
+    vertices: int,
+    upper_loop: Int[Array, " upper"],
+    lower_loop: Int[Array, " lower"],
+) -> None:
+    """Refuse a foundation that does not fit a shell.
+
+    Args:
+        foundation: The skin.
+        vertices: Number of vertices of the shell.
+        upper_loop: Vertices of its upper loop.
+        lower_loop: Vertices of its lower loop.
+
+    Raises:
+        GeometryError: It has another number of vertices, values that make no skin, or follows the upper loop
+            more at the lower one.
+    """
+    share = foundation.lower
+    if share.shape != (vertices,):
+        raise GeometryError(
+            f"a foundation of {len(share)} vertices under a shell of {vertices}",
+            where="skin foundation of the shell",
+            hint="make the foundation from the vertices of the shell",
+        )
+    lost = np.flatnonzero(~((share >= 0.0) & (share <= 1.0)))
+    stiff = np.array([foundation.normal, foundation.tangential])
+    if lost.size or not (np.isfinite(stiff) & (stiff >= 0.0)).all():
+        raise GeometryError(
+            f"stiffnesses {stiff[0]:g} and {stiff[1]:g} N/mm^3, {lost.size} shares"
+            " that are not between 0 and 1: no skin",
+            where=f"vertex {lost[0]} of the skin foundation" if lost.size else "skin foundation of the shell",
+            hint="give finite stiffnesses of at least zero and shares from 0 to 1",
+        )
+    if share[lower_loop].mean() < share[upper_loop].mean():
+        raise GeometryError(
+            "the skin at the lower loop follows the upper one",
+            where="skin foundation of the shell",
+            hint="swap the loops of the shell, or turn the axis of the skin upwards",
+        )
 
 
 def ground_stiffness(
@@ -107,15 +157,7 @@ def ground_stiffness(
         centres: Centres of the upper and the lower loop [mm].
         numbering: Degrees of freedom.
 
-    Raises:
-        GeometryError: The foundation belongs to another mesh.
     """
-    if len(foundation.lower) != len(vertices):
-        raise GeometryError(
-            f"a foundation of {len(foundation.lower)} vertices under a shell of {len(vertices)}",
-            where="skin foundation of the shell",
-            hint="make the foundation from the vertices of the shell",
-        )
     equation = numbering.equation.reshape(-1, NODE_DOFS)[:, :3]
     _, area = triangle_normals(vertices, triangles)
     tributary = np.bincount(triangles.ravel(), np.repeat(area / 3.0, 3), minlength=len(vertices))

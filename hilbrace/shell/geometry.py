@@ -92,9 +92,10 @@ def shell_family(
         threads: Threads that build shapes side by side.
 
     Raises:
-        GeometryError: A frame's shape has folds or triangles without area; the frame is named.
+        GeometryError: A frame's shape is not finite, has folds or triangles without area; the frame is named.
     """
     frames = len(posed)
+    _check_posed(posed)
     if mode.kind == "rest":
         return ShellFamily((rest,), np.zeros(frames, dtype=np.int64))
     if mode.kind == "frame" or mode.clusters >= frames:
@@ -160,6 +161,21 @@ def _to_means(between: Float[Array, "frame frame"], label: Int[Array, " frame"])
     share = member / np.where(count > 0, count, 1.0)
     inside = 0.5 * np.einsum("fk,fg,gk->k", share, between, share)
     return np.where(count > 0, between @ share - inside, np.inf)
+
+
+def _check_posed(posed: Float[Array, "frame vertex 3"]) -> None:
+    """One frame that is not finite would draw all others into its cluster."""
+    if not len(posed):
+        raise GeometryError(
+            "the motion has no frames", where="posed shapes of the shell", hint="give one frame or more"
+        )
+    lost = np.flatnonzero(~np.isfinite(posed).all(axis=(1, 2)))
+    if lost.size:
+        raise GeometryError(
+            f"vertices have no finite position in {lost.size} frames",
+            where=f"frame {lost[0]}",
+            hint="check the frame of the motion that posed the surface",
+        )
 
 
 def _posed(rest: ShellModel, vertices: Float[Array, "vertex 3"], frame: int) -> ShellModel:

@@ -70,7 +70,8 @@ def check_loads(load: LoadPattern | NodalLoads, vertices: int, frames: int) -> N
             where=f"vertex {np.flatnonzero(~np.isfinite(load.shares))[0]} of the load pattern",
             hint="compute the shares by joint_line_shares",
         )
-    lost = np.flatnonzero(~np.isfinite(load.forces.detach().numpy()).reshape(frames, -1).all(axis=1))
+    known = np.isfinite(load.forces.detach().numpy())
+    lost = np.flatnonzero(~known.all(axis=tuple(range(1, known.ndim))))
     if lost.size:
         raise SolverError(
             f"the loads of {lost.size} frames are not finite",
@@ -99,9 +100,17 @@ def joint_line_shares(
         axis: Direction of the limb; y, as in the neutral pose, if left out.
 
     Raises:
-        GeometryError: No part of the surface lies near the joint line.
+        GeometryError: No part of the surface lies near the joint line, or the window or the axis is none.
     """
-    along = np.array([0.0, 1.0, 0.0]) if axis is None else np.asarray(axis) / np.linalg.norm(axis)
+    along = np.array([0.0, 1.0, 0.0]) if axis is None else np.asarray(axis, dtype=float)
+    length = float(np.linalg.norm(along))
+    if not (window_mm > 0.0 and 0.0 < length < np.inf):
+        raise GeometryError(
+            f"a window of {window_mm:g} mm along an axis of length {length:g}",
+            where="load window of the shell",
+            hint="give a width above 0 and a direction of the limb",
+        )
+    along = along / length
     origin = np.zeros(3) if centre is None else np.asarray(centre)
     _, area = triangle_normals(vertices, triangles)
     height = (vertices[triangles].mean(axis=1) - origin) @ along

@@ -39,16 +39,26 @@ def check_surface(
         GeometryError: The triangles or loops are wrong; the first triangle, edge or vertex is named.
         SolverError: A vertex or a part of the surface is held by nothing.
     """
-    _check_indices(len(vertices), triangles, upper_loop, lower_loop)
-    _check_repeats(triangles)
-    check_shape(vertices, triangles)
+    edges = _checked_edges(vertices, triangles)
+    for name, loop in (("upper", upper_loop), ("lower", lower_loop)):
+        _check_indices(f"{name} loop entry", loop, len(vertices))
     _check_loops_apart(upper_loop, lower_loop)
-    edges = _edges(triangles, len(vertices))
-    _check_manifold(edges)
-    _check_one_piece(len(vertices), triangles, edges)
-    _check_orientation(edges)
     for name, loop in (("upper", upper_loop), ("lower", lower_loop)):
         _check_closed(name, loop, edges)
+
+
+def check_sheet(vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]) -> None:
+    """Refuse triangles that are not one sheet of one orientation, whatever its boundaries.
+
+    Args:
+        vertices: Positions [mm].
+        triangles: Vertex indices.
+
+    Raises:
+        GeometryError: The first wrong triangle, edge or vertex is named.
+        SolverError: A vertex or a part of the surface is held by nothing.
+    """
+    _checked_edges(vertices, triangles)
 
 
 def check_shape(vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]) -> None:
@@ -115,23 +125,38 @@ def _edges(triangles: Int[Array, "triangle 3"], vertices: int) -> _Edges:
     return _Edges(np.stack(np.divmod(keys, vertices), axis=1), of_side, start < end, sides)
 
 
-def _check_indices(
-    vertices: int,
-    triangles: Int[Array, "triangle 3"],
-    upper_loop: Int[Array, " upper"],
-    lower_loop: Int[Array, " lower"],
-) -> None:
-    for name, indices in (("triangle", triangles), ("upper loop", upper_loop), ("lower loop", lower_loop)):
-        outside = (indices < 0) | (indices >= vertices)
-        if outside.any():
-            entry = np.argwhere(outside)[0]
-            raise GeometryError(
-                f"{int(outside.sum())} indices lead to no vertex; there are {vertices}",
-                where=f"{name} entry {entry[0]}: vertex {indices[tuple(entry)]}"
-                if indices.ndim == 1
-                else f"{name} {entry[0]}: vertex {indices[tuple(entry)]}",
-                hint="count vertices from 0, and keep triangles and vertices of one mesh together",
-            )
+def _checked_edges(vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]) -> _Edges:
+    """Edges of triangles that are one sheet of one orientation."""
+    _check_arrays(vertices, triangles)
+    _check_indices("triangle", triangles, len(vertices))
+    _check_repeats(triangles)
+    check_shape(vertices, triangles)
+    edges = _edges(triangles, len(vertices))
+    _check_manifold(edges)
+    _check_one_piece(vertices, triangles, edges)
+    _check_orientation(edges)
+    return edges
+
+
+def _check_arrays(vertices: Array, triangles: Array) -> None:
+    columns = (vertices.ndim, triangles.ndim, *vertices.shape[1:], *triangles.shape[1:])
+    if columns != (2, 2, 3, 3) or not len(triangles) or not np.issubdtype(triangles.dtype, np.integer):
+        raise GeometryError(
+            f"vertices of shape {vertices.shape} and triangles of shape {triangles.shape}, {triangles.dtype}",
+            where="mesh of the shell",
+            hint="give three coordinates per vertex, and three whole vertex numbers per triangle",
+        )
+
+
+def _check_indices(name: str, indices: Array, vertices: int) -> None:
+    outside = (indices < 0) | (indices >= vertices)
+    if outside.any():
+        entry = np.argwhere(outside)[0]
+        raise GeometryError(
+            f"{int(outside.sum())} indices lead to no vertex; there are {vertices}",
+            where=f"{name} {entry[0]}: vertex {indices[tuple(entry)]}",
+            hint="count vertices from 0, and keep triangles and vertices of one mesh together",
+        )
 
 
 def _check_repeats(triangles: Int[Array, "triangle 3"]) -> None:
@@ -184,8 +209,10 @@ def _check_manifold(edges: _Edges) -> None:
         )
 
 
-def _check_one_piece(vertices: int, triangles: Int[Array, "triangle 3"], edges: _Edges) -> None:
-    loose = np.setdiff1d(np.arange(vertices), triangles)
+def _check_one_piece(
+    vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"], edges: _Edges
+) -> None:
+    loose = np.setdiff1d(np.arange(len(vertices)), triangles)
     if loose.size:
         raise SolverError(
             f"{loose.size} vertices belong to no triangle, so nothing holds them",
@@ -199,10 +226,13 @@ def _check_one_piece(vertices: int, triangles: Int[Array, "triangle 3"], edges: 
     pieces, piece = connected_components(incidence @ incidence.T, directed=False)
     if pieces > 1:
         apart = np.flatnonzero(piece != np.bincount(piece).argmax())
+        doubled = len(vertices) - len(np.unique(vertices, axis=0))
         raise SolverError(
             f"the surface falls into {pieces} pieces; {apart.size} triangles share no edge with the main one",
             where=f"triangle {apart[0]} of the shell",
-            hint="keep the one part of the surface that joins both loops, without flaps on single vertices",
+            hint=f"weld the {doubled} vertices that lie on another one, as trimesh's merge_vertices does"
+            if doubled
+            else "keep the one part of the surface that joins both loops, without flaps on single vertices",
         )
 
 

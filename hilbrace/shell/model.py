@@ -12,11 +12,11 @@ from hilbrace.errors import GeometryError
 from hilbrace.shell.assembly import Numbering, number
 from hilbrace.shell.directors import nodal_directors, tangent_basis, triangle_normals
 from hilbrace.shell.element import element_stiffness, element_stiffness_and_slope
-from hilbrace.shell.foundation import Foundation, Ground, ground_stiffness
+from hilbrace.shell.foundation import Foundation, Ground, check_foundation, ground_stiffness
 from hilbrace.shell.loops import loop_centres, loop_motions, rigid_motions
 from hilbrace.shell.maps import StiffnessMaps, VertexPairs, stiffness_maps, vertex_pairs
 from hilbrace.shell.mesh_checks import check_shape, check_surface, check_thickness
-from hilbrace.shell.section import Section, isotropic
+from hilbrace.shell.section import Section, check_section, isotropic
 
 Array = np.ndarray
 
@@ -99,10 +99,16 @@ def build_shell(
         GeometryError: The loops or the triangles make no shell.
         SolverError: A vertex or a part of the surface is held by nothing.
     """
-    section = wall if isinstance(wall, Section) else isotropic(wall)
-    thickness = np.array(np.broadcast_to(np.asarray(thickness_mm, dtype=float), len(triangles)))
+    vertices = np.asarray(vertices, dtype=np.float64)
+    triangles, upper_loop, lower_loop = (np.asarray(part) for part in (triangles, upper_loop, lower_loop))
     check_surface(vertices, triangles, upper_loop, lower_loop)
+    thickness = np.array(thickness_mm, dtype=np.float64)
+    if thickness.ndim == 0:
+        thickness = np.full(len(triangles), float(thickness))
+    _check_count(thickness, len(triangles))
     check_thickness(thickness)
+    section = wall if isinstance(wall, Section) else isotropic(wall)
+    check_section(section, len(triangles))
     numbering = number(len(vertices), triangles, np.concatenate([upper_loop, lower_loop]))
     shape = _Shape(vertices, triangles, upper_loop, lower_loop, thickness, section, numbering, None)
     return _assemble(shape, vertex_pairs(numbering.sparsity))
@@ -126,6 +132,7 @@ def pose_shell(shell: ShellModel, vertices: Float[Array, "vertex 3"]) -> ShellMo
             where="posed shape of the shell",
             hint="pose the vertices of the same domain",
         )
+    vertices = np.asarray(vertices, dtype=np.float64)
     check_shape(vertices, shell.triangles)
     section = _carried(shell.section, shell.triangles, shell.vertices, vertices)
     return _assemble(replace(_shape_of(shell), vertices=vertices, section=section), shell.maps.pairs)
@@ -137,18 +144,18 @@ def thicken_shell(shell: ShellModel, thickness_mm: Float[Array, " triangle"]) ->
     Raises:
         GeometryError: A thickness is not positive, or more than the bend of the wall allows.
     """
-    if thickness_mm.shape != (len(shell.triangles),):
-        raise GeometryError(
-            f"thickness of shape {thickness_mm.shape} for {len(shell.triangles)} triangles",
-            where="shell",
-            hint="give one thickness per triangle",
-        )
+    _check_count(thickness_mm, len(shell.triangles))
     check_thickness(thickness_mm)
     return _assemble(replace(_shape_of(shell), thickness_mm=thickness_mm), shell.maps.pairs)
 
 
 def lay_on_skin(shell: ShellModel, foundation: Foundation) -> ShellModel:
-    """The same shell, borne by the skin under it."""
+    """The same shell, borne by the skin under it.
+
+    Raises:
+        GeometryError: The foundation belongs to another mesh, follows the wrong loops, or makes no skin.
+    """
+    check_foundation(foundation, len(shell.vertices), shell.upper_loop, shell.lower_loop)
     shape = replace(_shape_of(shell), foundation=foundation)
     return replace(shell, foundation=foundation, ground=_ground(shape, _directors(shape)))
 
@@ -178,6 +185,15 @@ class _Shape:
     section: Section
     numbering: Numbering
     foundation: Foundation | None
+
+
+def _check_count(thickness: Float[Array, " given"], triangles: int) -> None:
+    if thickness.shape != (triangles,):
+        raise GeometryError(
+            f"thickness of shape {thickness.shape} for {triangles} triangles",
+            where="shell",
+            hint="give one thickness per triangle",
+        )
 
 
 def _shape_of(shell: ShellModel) -> _Shape:

@@ -105,8 +105,25 @@ def orthotropic(
             out.
     """
     if shear is None:
-        shear = membrane[:, 2, 2, None, None] * np.eye(2)
+        shear = membrane[..., 2, 2, None, None] * np.eye(2)
     return Section(membrane, membrane if bending is None else bending, shear, directions)
+
+
+def check_section(section: Section, triangles: int) -> None:
+    """Refuse a section that does not fit the triangles.
+
+    Raises:
+        GeometryError: An array has neither one entry for all triangles nor one for each.
+    """
+    parts = (("membrane", (3, 3)), ("bending", (3, 3)), ("shear", (2, 2)), ("directions", (3,)))
+    for name, each in parts:
+        part = getattr(section, name)
+        if part is not None and np.shape(part) not in ((1, *each), (triangles, *each)):
+            raise GeometryError(
+                f"{name} of shape {np.shape(part)} for {triangles} triangles",
+                where="section of the wall",
+                hint=f"give shape {(1, *each)} for all triangles alike, or {(triangles, *each)}",
+            )
 
 
 def map_directions(

@@ -191,5 +191,5 @@ def _refuse_folds(stretch: Float[Array, "layer point element"], first: int) -> N
         raise GeometryError(
             f"{folded.size} or more triangles fold over within the thickness of the wall",
             where=f"triangle {first + folded[0]} of the shell",
-            hint="smooth the surface there, or take a wall thinner than its radius of curvature",
+            hint="smooth the surface there, or take a wall thinner than its radius; both are in mm",
         )

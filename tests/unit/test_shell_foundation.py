@@ -119,7 +119,7 @@ def test_soft_skin_is_none():
 def test_loops_skin_and_loads_are_in_balance():
     load = some_load()
     response = shell_response(some_modulus(), BORNE, load)
-    held = wrenches_at(response.reactions, BORNE).numpy().reshape(-1, 2, 2, 3).sum(axis=1)
+    held = wrenches_at(response.reactions, BORNE, np.zeros(3)).numpy().reshape(-1, 2, 2, 3).sum(axis=1)
     applied = load.forces.numpy()
     np.testing.assert_allclose(held[:, 0], -applied, atol=1e-10 * np.abs(applied).max())
     moment = np.cross(SHARES @ KNEE.vertices, applied)
@@ -199,3 +199,29 @@ def test_skin_of_another_mesh_is_refused():
         lay_on_skin(KNEE, skin(KNEE.vertices[:-1], 1.0))
     with pytest.raises(GeometryError, match="lies on no skin"):
         skin_reaction(some_modulus().numpy(), KNEE, some_load())
+
+
+def test_skin_that_follows_the_wrong_loops_is_refused():
+    vertices, triangles, upper, lower = tube(12, 8, 30.0, 90.0)
+    swapped = build_shell(vertices, triangles, lower, upper, 3.0, 0.45)
+    with pytest.raises(GeometryError, match="follows the upper one"):
+        lay_on_skin(swapped, skin(vertices, 0.05))
+    lay_on_skin(swapped, skin(vertices, 0.05, axis=np.array([0.0, -1.0, 0.0])))
+
+
+def test_skin_on_one_side_of_the_joint_line_is_refused():
+    centre = np.array([0.0, 500.0, 0.0])
+    with pytest.raises(GeometryError, match="other side"):
+        skin(KNEE.vertices + centre, 0.05)
+    skin(KNEE.vertices + centre, 0.05, centre=centre)
+
+
+@pytest.mark.parametrize(
+    ("normal", "tangential", "share"),
+    [(-1.0, 0.0, 0.5), (0.1, np.nan, 0.5), (0.1, 0.0, np.nan), (0.1, 0.0, 2.0)],
+)
+def test_foundation_of_no_sense_is_refused(normal, tangential, share):
+    lower = np.full(len(KNEE.vertices), 0.5)
+    lower[17] = share
+    with pytest.raises(GeometryError, match=r"no skin|vertex 17"):
+        lay_on_skin(KNEE, Foundation(normal, tangential, lower))

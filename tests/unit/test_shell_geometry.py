@@ -32,6 +32,7 @@ FRAMES = 9
 SHELL = build_shell(*tube(12, 8, 30.0, 90.0, waviness=0.1, window=True), 3.0, 0.45)
 POSED = bent_frames(SHELL.vertices, FRAMES)
 SHARES = joint_line_shares(SHELL.vertices, SHELL.triangles, 30.0)
+ORIGIN = np.zeros(3)
 MODES = ("rest", "clusters:3", "frame")
 
 
@@ -175,10 +176,10 @@ def test_reactions_balance_the_loads_in_every_frame(mode, nodal):
     load = NodalLoads(forces) if nodal else some_load()
     on_vertices = forces if nodal else torch.from_numpy(SHARES)[None, :, None] * load.forces[:, None, :]
     answer = family_response(some_modulus(), family, load)
-    wrenches = family_wrenches_at(answer.reactions, family)
+    wrenches = family_wrenches_at(answer.reactions, family, ORIGIN)
     for frame, shape in enumerate(family.shape_of_frame):
         shell = family.shells[shape]
-        torch.testing.assert_close(wrenches[frame], wrenches_at(answer.reactions, shell)[frame])
+        torch.testing.assert_close(wrenches[frame], wrenches_at(answer.reactions, shell, ORIGIN)[frame])
         held = wrenches[frame].numpy().reshape(2, 2, 3).sum(axis=0)
         applied = on_vertices[frame].numpy()
         size = np.abs(applied).sum()
@@ -319,3 +320,22 @@ def test_loads_of_another_motion_are_refused():
     family = shell_family(SHELL, POSED, geometry_mode("frame"))
     with pytest.raises(SolverError, match="9 frames"):
         family_response(some_modulus(), family, some_load(5))
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_frame_without_finite_positions_is_named_and_not_averaged(mode):
+    posed = POSED.copy()
+    posed[4, 7, 1] = np.nan
+    with pytest.raises(GeometryError, match="frame 4"):
+        shell_family(SHELL, posed, geometry_mode(mode))
+
+
+def test_motion_without_frames_is_refused():
+    with pytest.raises(GeometryError, match="no frames"):
+        shell_family(SHELL, POSED[:0], geometry_mode("rest"))
+
+
+def test_no_frames_of_load_give_no_answers():
+    answer = shell_response(some_modulus(), SHELL, some_load(0))
+    assert answer.compliance.shape == (0,)
+    assert answer.loop_stiffness.isfinite().all()

@@ -202,3 +202,20 @@ def test_shares_do_not_depend_on_where_the_mesh_is_fine():
 def test_load_far_from_the_brace_is_refused():
     with pytest.raises(GeometryError, match="joint line"):
         joint_line_shares(TUBE[0], TUBE[1], 10.0, centre=np.array([0.0, 500.0, 0.0]))
+
+
+@pytest.mark.parametrize("window", [0.0, -10.0, np.nan])
+def test_window_without_width_is_refused(window):
+    with pytest.raises(GeometryError, match="window of"):
+        joint_line_shares(TUBE[0], TUBE[1], window)
+
+
+def test_axis_without_length_is_refused():
+    with pytest.raises(GeometryError, match="axis of length 0"):
+        joint_line_shares(TUBE[0], TUBE[1], 10.0, axis=np.zeros(3))
+
+
+def test_brace_in_metres_is_told_the_unit():
+    with pytest.raises(GeometryError, match="within the thickness") as caught:
+        build_shell(TUBE[0] / 1000.0, *TUBE[1:], 4.0, 0.45)
+    assert "mm" in caught.value.hint

@@ -8,7 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hilbrace.errors import SolverError
+from hilbrace.errors import GeometryError, SolverError
 from hilbrace.shell import (
     LoadPattern,
     build_shell,
@@ -25,6 +25,7 @@ from tests.unit.shell_cases import global_stiffness, tube
 
 SHELL = build_shell(*tube(12, 6, 30.0, 90.0, waviness=0.1, window=True), 3.0, 0.45)
 SHARES = joint_line_shares(SHELL.vertices, SHELL.triangles, 30.0)
+ORIGIN = np.zeros(3)
 OUTPUTS = ("compliance", "reactions", "loop_stiffness")
 
 
@@ -82,7 +83,8 @@ def test_reactions_are_the_loads_work_on_the_static_modes():
 @given(st.integers(0, 1000))
 def test_reactions_balance_force_and_moment(seed):
     forces = some_forces(seed)
-    reactions = wrenches_at(respond(some_modulus(seed), forces).reactions, SHELL).numpy().reshape(-1, 2, 2, 3)
+    response = respond(some_modulus(seed), forces)
+    reactions = wrenches_at(response.reactions, SHELL, ORIGIN).numpy().reshape(-1, 2, 2, 3)
     applied = forces.numpy()
     np.testing.assert_allclose(reactions[:, :, 0].sum(axis=1), -applied, atol=1e-9)
     moment = np.cross(SHARES @ SHELL.vertices, applied)
@@ -160,7 +162,7 @@ def test_straight_tube_stretches_like_a_bar(beam):
 
 
 def test_straight_tube_bends_and_twists_like_a_beam(beam):
-    about_middle = joint_stiffness(torch.from_numpy(beam[1]), beam[0], np.eye(3)).numpy()
+    about_middle = joint_stiffness(torch.from_numpy(beam[1]), beam[0], np.eye(3), ORIGIN).numpy()
     bending = MODULUS * INERTIA / LENGTH
     torsion = 0.5 * MODULUS * 2 * INERTIA / LENGTH
     np.testing.assert_allclose(np.diag(about_middle), [bending, torsion, bending], rtol=0.015)
@@ -178,7 +180,7 @@ def test_straight_tube_shears_like_a_timoshenko_beam(beam):
 def test_turning_about_a_distant_centre_adds_the_shear_of_the_offset(beam):
     centre = np.array([0.0, 30.0, 0.0])
     shifted = joint_stiffness(torch.from_numpy(beam[1]), beam[0], np.array([[1.0, 0.0, 0.0]]), centre).item()
-    middle = joint_stiffness(torch.from_numpy(beam[1]), beam[0], np.array([[1.0, 0.0, 0.0]])).item()
+    middle = joint_stiffness(torch.from_numpy(beam[1]), beam[0], np.eye(3)[:1], ORIGIN).item()
     assert shifted == pytest.approx(middle + 30.0**2 * beam[1][8, 8], rel=1e-6)
 
 
@@ -246,7 +248,7 @@ def test_gradient_of_a_p_norm_through_all_outputs():
     def loss(at, under):
         answer = respond(at, under)
         worst = ((answer.compliance / scale) ** 20).sum() ** (1 / 20)
-        spring = torch.diagonal(joint_stiffness(answer.loop_stiffness, SHELL, np.eye(3)))
+        spring = torch.diagonal(joint_stiffness(answer.loop_stiffness, SHELL, np.eye(3), ORIGIN))
         return worst + answer.reactions.square().sum().sqrt() + (spring[0] / spring[2]).log()
 
     by_modulus, by_forces = torch.autograd.grad(loss(modulus, forces), [modulus, forces])
@@ -289,3 +291,25 @@ def test_modulus_must_be_positive_and_finite(wrong):
 def test_modulus_of_another_mesh_is_refused():
     with pytest.raises(SolverError, match="modulus of shape"):
         respond(some_modulus()[:-1], some_forces())
+
+
+def test_vertices_of_single_precision_balance_to_double():
+    vertices, triangles, upper, lower = tube(12, 6, 30.0, 90.0, waviness=0.1)
+    shell = build_shell(vertices.astype(np.float32), triangles, upper, lower, 3.0, 0.45)
+    values = np.linalg.eigvalsh(loop_stiffness(some_modulus(shell=shell), shell).numpy())
+    assert np.abs(values[:6]).max() < 1e-12 * values[-1]
+    load = LoadPattern(joint_line_shares(shell.vertices, triangles, 30.0), some_forces())
+    reactions = shell_response(some_modulus(shell=shell), shell, load).reactions
+    held = wrenches_at(reactions, shell, ORIGIN).numpy().reshape(-1, 2, 2, 3).sum(axis=1)
+    np.testing.assert_allclose(held[:, 0], -some_forces().numpy(), atol=1e-10)
+
+
+@pytest.mark.parametrize("centre", [np.full(3, np.nan), np.zeros(2), np.array([0.0, np.inf, 0.0])])
+def test_joint_centre_must_be_a_point(centre):
+    stiffness = loop_stiffness(some_modulus(), SHELL)
+    with pytest.raises(GeometryError, match="no point"):
+        joint_stiffness(stiffness, SHELL, np.eye(3), centre)
+    with pytest.raises(GeometryError, match="no point"):
+        wrenches_at(respond(some_modulus(), some_forces()).reactions, SHELL, centre)
+    with pytest.raises(GeometryError, match="axes"):
+        joint_stiffness(stiffness, SHELL, np.full((1, 3), np.nan), ORIGIN)

@@ -349,3 +349,19 @@ def test_direction_off_the_surface_is_refused_by_triangle(upright):
     section = orthotropic(MEMBRANE[None], along)
     with pytest.raises(GeometryError, match="triangle 17"):
         element_stiffness(corners, directors, tangents, np.full(len(corners), 3.0), section)
+
+
+@pytest.mark.malformed
+@pytest.mark.parametrize(
+    ("membranes", "directions", "named"),
+    [
+        (np.eye(3), np.ones((1, 3)), "membrane of shape"),
+        (np.tile(np.eye(3), (7, 1, 1)), np.ones((1, 3)), "membrane of shape"),
+        (np.eye(3)[None], np.ones(3), "directions of shape"),
+        (np.eye(3)[None], np.ones((7, 3)), "directions of shape"),
+    ],
+)
+def test_section_of_another_mesh_is_refused(membranes, directions, named):
+    with pytest.raises(GeometryError, match=named) as caught:
+        build_shell(*tube(6, 4, 30.0, 60.0), 3.0, orthotropic(membranes, directions))
+    assert "(48, 3" in caught.value.hint

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -20,6 +21,7 @@ from hilbrace.biomech.model_figures import ModelFigures
 from hilbrace.errors import InputError
 from hilbrace.motion.marker_maps import MarkerMap, match_markers
 from hilbrace.motion.trial import Trial
+from hilbrace.units import MM_PER_M
 
 Array = np.ndarray
 
@@ -35,6 +37,17 @@ FLAT_WITHIN = np.radians(20.0)
 """Tilt of a foot beyond which a standing subject is not taken to stand flat [rad]."""
 LEVELLING = 3
 """Turns of the ankle towards a level foot; its axis is oblique."""
+UPRIGHT_KNEES = np.radians(30.0)
+"""Mean flexion of both knees up to which a person in motion counts as upright [rad]."""
+UPRIGHT_SHARE = 0.25
+"""Greatest share of the sampled frames that count as upright, those with the straightest knees."""
+PELVIS_SPREAD = np.radians(5.0)
+"""Standard deviation of an upright person's pelvis from level, in the model's sense of level [rad].
+
+The line from the anterior to the posterior iliac spines tells it no better: in pelves set up alike it lies
+at 0 to 23 deg, with a standard deviation of 5 deg (Preece et al., "Variation in pelvic morphology may prevent
+the identification of anterior pelvic tilt", J. Man. Manip. Ther. 16(2), 113-117, 2008).
+"""
 LEAST_SHARE = 0.2
 """Share of the sampled frames that must show a marker for it to be placed."""
 
@@ -51,7 +64,8 @@ def calibrate(
 
     Without a standing trial the same is done in frames spread over the motion, in turns (`ROUNDS`): the
     median of a marker's places over the frames counts, and the knee is neutral on average. Bony landmarks
-    decide where the joints' zeros are, so that angles may be off by some degrees as a whole.
+    decide where the joints' zeros are, so that angles may be off by some degrees as a whole; for the pelvis
+    the posture of upright frames counts as well (`_with_level_pelvis`).
 
     Args:
         engine: Engine that holds the scaled model.
@@ -145,10 +159,12 @@ def _moving(
     measured = np.stack([paths[name] for name in landmarks.names], axis=1)
     markers, targets = with_ankle_centres(landmarks, measured, marker_map.landmarks)
     points = np.stack([paths[name] for name in names], axis=1)
-    start, misfit = figures.defaults, 0.0
-    for turn in range(ROUNDS):
-        poses, errors = _fit(engine, figures, markers, targets, start)
-        misfit = misfit if turn else _misfit_mm(errors, markers)
+    start = figures.defaults
+    poses, errors = _fit(engine, figures, markers, targets, start)
+    misfit = _misfit_mm(errors, markers)
+    markers = _with_level_pelvis(engine, figures, markers, targets, poses, misfit / MM_PER_M, marker_map)
+    for _ in range(ROUNDS):
+        poses, _ = _fit(engine, figures, markers, targets, start)
         markers = _place(engine, figures, poses, marker_map, names, points)
         targets, start = points, poses[0]
     note = (
@@ -158,6 +174,52 @@ def _moving(
         "or a model of the subject (biomech.model) mends that"
     )
     return markers, start, (note,)
+
+
+def _with_level_pelvis(
+    engine: Engine,
+    figures: ModelFigures,
+    landmarks: PlacedMarkers,
+    measured: Float[Array, "frame marker 3"],
+    poses: Float[Array, "frame coordinate"],
+    misfit_m: float,
+    marker_map: MarkerMap,
+) -> PlacedMarkers:
+    """Place the pelvis markers where upright frames, with the pelvis expected level, put them.
+
+    The iliac spines alone would tilt the pelvis by up to ten degrees, and carry the hips forward or back by
+    centimetres. Posture knows as much: an upright person's pelvis is near the model's neutral one, within
+    `PELVIS_SPREAD`. Both count by their spreads: the tilt is held with the stiffness (misfit / spread)^2, so
+    that landmarks that fit the model are believed. A motion without upright frames is left alone.
+
+    Args:
+        engine: Engine that holds the scaled model.
+        figures: Figures of that model.
+        landmarks: Landmarks at the model's places.
+        measured: Their measured places [m].
+        poses: Poses that fit them.
+        misfit_m: RMS distance of the landmarks from the model there [m].
+        marker_map: Meaning of the marker names.
+
+    Returns:
+        The landmarks, those of the pelvis where they were measured and at full weight.
+    """
+    if "pelvis_tilt" not in figures.coordinates:
+        return landmarks
+    knees = poses[:, figures.columns(["knee_angle_r", "knee_angle_l"])].mean(axis=1)
+    upright = knees <= min(UPRIGHT_KNEES, float(np.quantile(knees, UPRIGHT_SHARE)))
+    if not upright.any():
+        return landmarks
+    level = poses[upright][0]
+    level[figures.columns(["pelvis_tilt"])] = 0.0
+    held = {"pelvis_tilt": (misfit_m / PELVIS_SPREAD) ** 2}
+    poses, _ = _fit(engine, figures, landmarks, measured[upright], level, held)
+    on_pelvis = [k for k, body in enumerate(landmarks.bodies) if body == "pelvis"]
+    names = [landmarks.names[k] for k in on_pelvis]
+    placed = _place(engine, figures, poses, marker_map, names, measured[upright][:, on_pelvis])
+    locations, weights = landmarks.locations.copy(), landmarks.weights.copy()
+    locations[on_pelvis], weights[on_pelvis] = placed.locations, placed.weights
+    return replace(landmarks, locations=locations, weights=weights)
 
 
 def _sampled(surveyed: Float[Array, "frame marker 3"]) -> Int[Array, " sample"]:
@@ -173,6 +235,7 @@ def _fit(
     markers: PlacedMarkers,
     measured: Float[Array, "frame marker 3"],
     start: Float[Array, " coordinate"],
+    held: dict[str, float] | None = None,
 ) -> tuple[Float[Array, "frame coordinate"], Float[Array, "frame marker"]]:
     first = np.flatnonzero(np.isfinite(measured[0]).all(axis=1))
     if len(first) < 3:
@@ -190,6 +253,7 @@ def _fit(
         measured=measured,
         start=facing(engine, figures, visible, measured[0, first], start),
         fixed=(*fixed_coordinates(figures, markers), *KNEE_FRONTAL),
+        held=held or {},
     )
     return fitted["coordinates"], fitted["errors"]
 

@@ -4,8 +4,8 @@ Instrumented knees carry 2 to 3.5 body weights in walking (Kutzner et al. 2010, 
 of jumps and landings give 5 to 10 (Cleather, Goodwin & Bull 2013, Proc. Inst. Mech. Eng. H 227:3).
 
 The walk of Rajagopal et al. is run on its published model. Without a standing trial the built-in model holds
-the hips some 15 degrees too far extended; its hip flexors give out, and the rectus femoris that helps them
-presses the right knee to nearly 6 body weights.
+the hips some 8 degrees too far extended; its hip flexors give out, and the rectus femoris that helps them
+presses the right knee to 5.5 body weights.
 """
 
 from __future__ import annotations

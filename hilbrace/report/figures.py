@@ -18,6 +18,7 @@ from matplotlib.tri import Triangulation
 from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.body.body import Body
 from hilbrace.body.posing import posed_skin
+from hilbrace.config import ANGLES
 from hilbrace.domain.domain import Domain
 from hilbrace.motion.trial import Trial
 from hilbrace.optimize.design import Design
@@ -86,10 +87,10 @@ def ground_reactions(trial: Trial) -> Figure:
 
 
 def joint_angles(loads: JointLoads, joint: str) -> Figure:
-    """Flexion, adduction and rotation of the braced joint."""
+    """The angles of the braced joint: three of a knee, two of an ankle."""
     figure, axes = _plot("angle [deg]")
     angles = np.rad2deg(loads.angles[:, loads.joints.index(joint)])
-    for column, name in enumerate(("flexion", "adduction", "internal rotation")):
+    for column, name in enumerate(ANGLES[joint.split("_")[0]]):
         axes.plot(loads.time, angles[:, column], color=SERIES[column], label=name)
     axes.legend(frameon=False)
     return figure
@@ -208,7 +209,7 @@ def predicted_change(domain: Domain, design: Design) -> Figure:
     """What the model predicts the brace does to the angles."""
     figure, axes = _plot("predicted change of angle [deg]")
     change = np.rad2deg(design.angle_change)
-    for column, name in enumerate(("flexion", "adduction", "internal rotation")):
+    for column, name in enumerate(ANGLES[domain.joint.split("_")[0]]):
         axes.plot(domain.time, change[:, column], color=SERIES[column], label=name)
     axes.legend(frameon=False)
     return figure

@@ -114,3 +114,13 @@ def test_the_contact_figure_shows_parts_and_the_strongest_muscles_or_says_that_t
     shown = {line.get_label() for line in left.lines}
     assert {"magnitude", "medial", "lateral", "acting force"} <= shown
     assert [line.get_label() for line in right.lines] == ["vasti_l"]
+
+
+@pytest.mark.parametrize(
+    ("joint", "names"),
+    [("knee_l", ["flexion", "adduction", "rotation"]), ("ankle_l", ["dorsiflexion", "inversion"])],
+)
+def test_angles_are_shown_by_the_names_of_the_joint(joint, names):
+    legend = figures.joint_angles(knee_loads(), joint).axes[0].get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == names

@@ -123,3 +123,13 @@ def test_a_near_name_is_suggested(tmp_path):
 def test_a_missing_map_file_is_refused(tmp_path):
     with pytest.raises(InputError, match="no readable marker map"):
         read_marker_map(str(tmp_path / "absent.toml"))
+
+
+def test_the_knee_challenge_map_takes_sets_without_some_trunk_and_tracking_markers():
+    """Its laboratories differ there; the landmarks that place the legs stay required."""
+    whole = read_marker_map("knee_challenge")
+    absent = {"Neck", "Xiphoid", "LThighInferior", "RShankLateral", "LShoulder"}
+    kept = match_markers(whole, [name for name in whole.known() if name not in absent], "walk.trc")
+    assert set(kept.known()) == set(whole.known()) - absent
+    with pytest.raises(InputError, match="LAsis"):
+        match_markers(whole, [name for name in whole.known() if name != "LAsis"], "walk.trc")

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from hilbrace.biomech.analysis import compute_joint_loads
+from hilbrace.biomech.contact import COMPARTMENTS_M
 from hilbrace.biomech.engine import Engine
 from hilbrace.biomech.internal_loads import ARM_STEP, with_muscles
 from hilbrace.biomech.joint_loads import JOINTS, JointLoads, without_muscles
@@ -116,6 +117,10 @@ def test_contact_is_compression_of_physiological_size(loads):
     knees = [JOINTS.index("knee_r"), JOINTS.index("knee_l")]
     halves = loads.contact_medial[:, knees] + loads.contact_lateral[:, knees]
     assert np.allclose(halves, -loads.contact_force[:, knees, 1])
+    for knee, to_the_right in (("knee_r", 1.0), ("knee_l", -1.0)):
+        k = JOINTS.index(knee)
+        tilt = to_the_right * COMPARTMENTS_M * (loads.contact_lateral[:, k] - loads.contact_medial[:, k])
+        np.testing.assert_allclose(tilt / 2.0, loads.contact_moment[:, k, 0], rtol=1e-9, atol=1e-9)
     assert np.isnan(loads.contact_medial[:, JOINTS.index("ankle_r")]).all()
 
 

@@ -1,0 +1,33 @@
+"""The configuration: one file per section, and ``run_file`` that reads them from a ``run.toml``."""
+
+from hilbrace.config.biomech import BiomechSettings
+from hilbrace.config.body import BodySettings
+from hilbrace.config.domain import DomainSettings
+from hilbrace.config.material import MaterialSettings
+from hilbrace.config.motion import MotionSettings
+from hilbrace.config.optimize import ANGLES, LossWeights, OptimizeSettings, controlled_angles
+from hilbrace.config.pattern import PatternSettings, SolidSettings
+from hilbrace.config.run_file import Config, apply_overrides, known_keys, parse_config, read_config
+from hilbrace.config.section import Section
+from hilbrace.config.subject import SubjectSettings
+
+__all__ = [
+    "ANGLES",
+    "BiomechSettings",
+    "BodySettings",
+    "Config",
+    "DomainSettings",
+    "LossWeights",
+    "MaterialSettings",
+    "MotionSettings",
+    "OptimizeSettings",
+    "PatternSettings",
+    "Section",
+    "SolidSettings",
+    "SubjectSettings",
+    "apply_overrides",
+    "controlled_angles",
+    "known_keys",
+    "parse_config",
+    "read_config",
+]

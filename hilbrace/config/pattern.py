@@ -1,0 +1,33 @@
+"""Sections ``pattern`` and ``solid``: the microstructure on the surface, and the closed body."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from hilbrace.config.section import Section
+
+
+class PatternSettings(Section):
+    """The microstructure on the surface."""
+
+    scale: float = Field(
+        default=0.08, gt=0.01, lt=0.5, description="period of the cells in the flat map (paper: 0.08)"
+    )
+    min_strut_mm: float = Field(default=1.5, gt=0, description="narrowest strut that can be cast [mm]")
+    min_slit_mm: float = Field(default=1.0, ge=0, description="narrowest slit that can be cast [mm]")
+    rim_mm: float = Field(default=8.0, ge=2, description="width of the solid bands at both edges [mm]")
+    blend_mm: float = Field(default=30.0, gt=0, description="width of the transition from firm to soft [mm]")
+    resolution_mm: float = Field(
+        default=1.0,
+        gt=0.1,
+        lt=5,
+        description="longest edge of the refined surface, which is never longer than 0.55 min_strut_mm [mm]",
+    )
+
+
+class SolidSettings(Section):
+    """The closed body."""
+
+    simplify_mm: float = Field(
+        default=0.05, ge=0, description="largest deviation of the simplified mesh [mm]"
+    )

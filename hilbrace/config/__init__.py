@@ -5,7 +5,14 @@ from hilbrace.config.body import BodySettings
 from hilbrace.config.domain import DomainSettings
 from hilbrace.config.material import MaterialSettings
 from hilbrace.config.motion import MotionSettings
-from hilbrace.config.optimize import ANGLES, LossWeights, OptimizeSettings, controlled_angles
+from hilbrace.config.optimize import (
+    ANGLES,
+    ASSUMED_PASSIVE,
+    LossWeights,
+    OptimizeSettings,
+    controlled_angles,
+    passive_stiffness,
+)
 from hilbrace.config.pattern import PatternSettings, SolidSettings
 from hilbrace.config.run_file import Config, apply_overrides, known_keys, parse_config, read_config
 from hilbrace.config.section import Section
@@ -13,6 +20,7 @@ from hilbrace.config.subject import SubjectSettings
 
 __all__ = [
     "ANGLES",
+    "ASSUMED_PASSIVE",
     "BiomechSettings",
     "BodySettings",
     "Config",
@@ -29,5 +37,6 @@ __all__ = [
     "controlled_angles",
     "known_keys",
     "parse_config",
+    "passive_stiffness",
     "read_config",
 ]

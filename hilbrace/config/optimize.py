@@ -11,6 +11,11 @@ from hilbrace.config.section import Section
 ANGLES = {"knee": ("flexion", "adduction", "rotation"), "ankle": ("dorsiflexion", "inversion")}
 """Angles of each joint that a brace can be asked to preserve or to prevent: sagittal, frontal, axial."""
 
+ASSUMED_PASSIVE = {"knee": (0.5, 5.0, 1.5), "ankle": (0.4, 0.25, 0.25)}
+"""Assumed passive stiffness about the sagittal, frontal and axial angle [N*m/deg]. None was measured on the
+subject. A relaxed ankle is weaker in inversion and eversion than in the sagittal plane (Lee et al. 2011, J.
+Biomech. 44:1901); the sizes are assumptions."""
+
 
 class LossWeights(Section):
     """Weights of L1..L5 (paper, Sec. 5)."""
@@ -65,14 +70,14 @@ class OptimizeSettings(Section):
     load_window_mm: float = Field(
         default=40.0, gt=0, description="width of the load's window about the joint line [mm]"
     )
-    passive_frontal_nm_per_deg: float = Field(
-        default=5.0, gt=0, description="assumed passive stiffness of the joint, frontal; a knee's"
+    passive_frontal_nm_per_deg: float | None = Field(
+        default=None, gt=0, description="assumed passive stiffness of the joint, frontal; 5 of a knee"
     )
-    passive_sagittal_nm_per_deg: float = Field(
-        default=0.5, gt=0, description="assumed passive stiffness of the joint, sagittal; a knee's"
+    passive_sagittal_nm_per_deg: float | None = Field(
+        default=None, gt=0, description="assumed passive stiffness of the joint, sagittal; 0.5 of a knee"
     )
-    passive_axial_nm_per_deg: float = Field(
-        default=1.5, gt=0, description="assumed passive stiffness of the joint, axial; a knee's"
+    passive_axial_nm_per_deg: float | None = Field(
+        default=None, gt=0, description="assumed passive stiffness of the joint, axial; 1.5 of a knee"
     )
     muscle_stiffness: Literal["direct", "coupled", "none"] = Field(
         default="direct",
@@ -92,3 +97,18 @@ def controlled_angles(settings: OptimizeSettings, joint: str) -> tuple[tuple[str
     sagittal, frontal, *_ = ANGLES[joint]
     preserve = (sagittal,) if settings.preserve is None else settings.preserve
     return preserve, (frontal,) if settings.prevent is None else settings.prevent
+
+
+def passive_stiffness(settings: OptimizeSettings, joint: str) -> tuple[float, float, float]:
+    """Assumed passive stiffness about the sagittal, frontal and axial angle [N*m/deg].
+
+    Args:
+        settings: The optimizer's settings; what they leave out is assumed.
+        joint: ``knee`` or ``ankle``.
+    """
+    sagittal, frontal, axial = ASSUMED_PASSIVE[joint]
+    return (
+        settings.passive_sagittal_nm_per_deg or sagittal,
+        settings.passive_frontal_nm_per_deg or frontal,
+        settings.passive_axial_nm_per_deg or axial,
+    )

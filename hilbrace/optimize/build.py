@@ -19,7 +19,7 @@ from hilbrace.optimize.coupling import brace_spring
 from hilbrace.optimize.design import LOSSES, Design
 from hilbrace.optimize.evaluate import Material, design_variable, material_of
 from hilbrace.optimize.loop import run_loop
-from hilbrace.optimize.predictions import PASSIVE_LEVELS, predict
+from hilbrace.optimize.predictions import predict
 from hilbrace.optimize.problem import Problem, build_problem
 from hilbrace.run.progress import Report, silent
 from hilbrace.run.records import write_atomic
@@ -89,8 +89,8 @@ def optimize_design(
         history=state.history,
         losses_initial=state.losses_initial,
         losses_final=last.terms.numpy(),
-        stiffness=stiffness[0],
-        stiffness_uniform=stiffness_uniform[0],
+        stiffness=stiffness[problem.rest_posture],
+        stiffness_uniform=stiffness_uniform[problem.rest_posture],
         stiffness_flexions=np.array([posture.flexion for posture in problem.postures]),
         stiffness_posed=stiffness,
         stiffness_posed_uniform=stiffness_uniform,
@@ -98,7 +98,7 @@ def optimize_design(
         angle_changes=predicted.angle_change,
         contact_force_change=predicted.contact_force_change,
         contact_moment_change=predicted.contact_moment_change,
-        passive_levels=np.array(PASSIVE_LEVELS),
+        passive_levels=predicted.levels,
         passive_sensitivity=predicted.sensitivity,
         reaction_upper=reactions[:, 0:3],
         reaction_lower=reactions[:, 6:9],

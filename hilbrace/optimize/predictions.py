@@ -10,20 +10,21 @@ import torch
 from jaxtyping import Float
 
 from hilbrace.biomech.joint_loads import JointLoads
+from hilbrace.config import ASSUMED_PASSIVE, passive_stiffness
 from hilbrace.domain.domain import Domain
 from hilbrace.optimize.brace_response import BraceResponse
 from hilbrace.optimize.coupling import COUPLINGS, Prediction, contact_change
 from hilbrace.optimize.design import COUPLINGS as COUPLING_NAMES
 from hilbrace.optimize.design import Design
 from hilbrace.optimize.joint_response import joint_motion, resampling
-from hilbrace.optimize.problem import Problem, passive_stiffness
+from hilbrace.optimize.problem import Problem
 from hilbrace.units import GRAVITY
 
 Array = np.ndarray
 
-PASSIVE_LEVELS = (2.0, 5.0, 10.0)
-"""Passive frontal stiffness for which the prediction is repeated [N*m/deg]: it is assumed, and sets the size
-of every predicted change."""
+PASSIVE_LEVELS = (0.4, 1.0, 2.0)
+"""Shares of the assumed passive frontal stiffness for which the prediction is repeated [-] (2, 5 and 10
+N*m/deg of a knee): it is assumed, and sets the size of every predicted change."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,14 @@ class Predictions:
         angle_change: Change of the joint's angles in the frames of the design [rad].
         contact_force_change: Change of the force between the bones of the joint [N], in the brace's frame.
         contact_moment_change: Change of their moment about the joint's centre [N*m].
-        sensitivity: Largest change of each angle for each of `PASSIVE_LEVELS` [rad].
+        levels: Passive frontal stiffnesses for which the prediction was repeated [N*m/deg].
+        sensitivity: Largest change of each angle for each of them [rad].
     """
 
     angle_change: Float[Array, "coupling frame 3"]
     contact_force_change: Float[Array, "coupling frame 3"]
     contact_moment_change: Float[Array, "coupling frame 3"]
+    levels: Float[Array, " level"]
     sensitivity: Float[Array, "level coupling 3"]
 
 
@@ -51,15 +54,17 @@ def predict(problem: Problem, loads: JointLoads, response: BraceResponse) -> Pre
         loads: The loads that it was made of.
         response: What the brace answers.
     """
+    levels = np.array(PASSIVE_LEVELS) * ASSUMED_PASSIVE[_kind(problem)][1]
     with torch.no_grad():
         every = [couple(problem, response) for couple in COUPLINGS.values()]
         contacts = [contact_change(prediction.force, prediction.moment) for prediction in every]
-        sensitivity = [_largest(problem, loads, level, response) for level in PASSIVE_LEVELS]
+        sensitivity = [_largest(problem, loads, level, response) for level in levels]
     to_frames = _to_frames(problem)
     return Predictions(
         np.stack([to_frames @ prediction.change.numpy() for prediction in every]),
         np.stack([to_frames @ force.numpy() for force, _ in contacts]),
         np.stack([to_frames @ moment.numpy() for _, moment in contacts]),
+        levels,
         np.array(sensitivity),
     )
 
@@ -68,13 +73,17 @@ def _largest(
     problem: Problem, loads: JointLoads, frontal_nm_per_deg: float, response: BraceResponse
 ) -> Float[Array, "coupling 3"]:
     """Largest change of each angle when the joint's passive frontal stiffness is another."""
-    sagittal, _, axial = passive_stiffness(problem.settings)
+    sagittal, _, axial = passive_stiffness(problem.settings, _kind(problem))
     passive = (sagittal, frontal_nm_per_deg, axial)
     motion = joint_motion(loads, problem.domain.joint, passive, problem.settings.muscle_stiffness)
     other = replace(problem, motion=motion)
     every: list[Prediction] = [couple(other, response) for couple in COUPLINGS.values()]
     to_frames = _to_frames(problem)
     return np.stack([np.abs(to_frames @ prediction.change.numpy()).max(axis=0) for prediction in every])
+
+
+def _kind(problem: Problem) -> str:
+    return problem.domain.joint.split("_")[0]
 
 
 def _to_frames(problem: Problem) -> Float[Array, "frame instant"]:

@@ -10,7 +10,14 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from hilbrace.biomech.joint_loads import JointLoads
-from hilbrace.config import ANGLES, MaterialSettings, OptimizeSettings, PatternSettings, controlled_angles
+from hilbrace.config import (
+    ANGLES,
+    MaterialSettings,
+    OptimizeSettings,
+    PatternSettings,
+    controlled_angles,
+    passive_stiffness,
+)
 from hilbrace.domain.domain import Domain, RimBand
 from hilbrace.domain.rim import rim_band
 from hilbrace.field import GaussianField
@@ -84,7 +91,7 @@ class Problem:
         motion: The joint's motion.
         preserve: Columns of the angles to keep.
         prevent: Columns of the angles to bring to zero.
-        postures: Shapes for the stiffness, flexion rising; the first is the rest shape.
+        postures: Shapes for the stiffness, flexion rising; the rest shape is one of them.
         shapes: Shapes in which the frames' loads act.
         load: Acting force of every frame.
         settings: The optimizer's settings.
@@ -108,6 +115,11 @@ class Problem:
     shapes: ShellFamily
     load: LoadPattern
     settings: OptimizeSettings
+
+    @property
+    def rest_posture(self) -> int:
+        """Place of the rest shape among the postures."""
+        return next(k for k, posture in enumerate(self.postures) if posture.flexion == 0.0)
 
 
 def build_problem(
@@ -141,6 +153,7 @@ def build_problem(
     band: RimBand = rim_band(domain, pattern.rim_mm)
     kind = domain.joint.split("_")[0]
     preserve, prevent = controlled_angles(settings, kind)
+    passive = passive_stiffness(settings, kind)
     return Problem(
         domain=domain,
         triangles=_place(corner_uv.mean(axis=1), length, settings.sigma, domain.period_u),
@@ -153,22 +166,13 @@ def build_problem(
         limits=(pattern.min_strut_mm, pattern.min_slit_mm),
         blend_mm=pattern.blend_mm,
         unit_energy=torch.from_numpy(worst_energy_density(domain.deformation, material.poisson)),
-        motion=joint_motion(loads, domain.joint, passive_stiffness(settings), settings.muscle_stiffness),
+        motion=joint_motion(loads, domain.joint, passive, settings.muscle_stiffness),
         preserve=tuple(map(ANGLES[kind].index, preserve)),
         prevent=tuple(map(ANGLES[kind].index, prevent)),
         postures=_postures(loads, domain, rest),
         shapes=_shapes(domain, rest, settings),
         load=_load(loads, domain, settings),
         settings=settings,
-    )
-
-
-def passive_stiffness(settings: OptimizeSettings) -> tuple[float, float, float]:
-    """Assumed passive stiffness about the sagittal, frontal and axial angle [N*m/deg]."""
-    return (
-        settings.passive_sagittal_nm_per_deg,
-        settings.passive_frontal_nm_per_deg,
-        settings.passive_axial_nm_per_deg,
     )
 
 
@@ -201,18 +205,18 @@ def _at_cut_vertices(values: Float[Array, " triangle"], domain: Domain) -> Float
 
 
 def _postures(loads: JointLoads, domain: Domain, rest: ShellModel) -> tuple[Posture, ...]:
-    """The rest shape, the shape under the peak acting force and the shape of deepest flexion."""
+    """The rest shape, the shapes furthest bent to both sides and the shape under the peak acting force."""
     joint = loads.joints.index(domain.joint)
     frames = np.array([int(np.argmin(np.abs(loads.time - instant))) for instant in domain.time])
     flexion = loads.angles[frames, joint, FLEXION]
     force = np.linalg.norm(loads.acting_force[frames, joint], axis=1)
     axes = loads.joint_axes[:, joint]
     postures = [Posture(0.0, rest, _unit(axes.mean(axis=0)))]
-    for kept in sorted({int(force.argmax()), int(flexion.argmax())}, key=lambda frame: flexion[frame]):
-        if flexion[kept] - postures[-1].flexion > POSTURE_GAP:
+    for kept in (int(flexion.argmax()), int(flexion.argmin()), int(force.argmax())):
+        if min(abs(flexion[kept] - posture.flexion) for posture in postures) > POSTURE_GAP:
             shell = pose_shell(rest, domain.posed[kept])
             postures.append(Posture(float(flexion[kept]), shell, axes[frames[kept]]))
-    return tuple(postures)
+    return tuple(sorted(postures, key=lambda posture: posture.flexion))
 
 
 def _shapes(domain: Domain, rest: ShellModel, settings: OptimizeSettings) -> ShellFamily:

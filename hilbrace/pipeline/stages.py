@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from hilbrace.biomech.analysis import compute_joint_loads
 from hilbrace.biomech.joint_loads import JointLoads
@@ -206,7 +207,8 @@ def _load_figures(loads: JointLoads, joint: str) -> dict[str, object]:
     weight = loads.body_mass_kg * GRAVITY
     error = loads.marker_error[np.isfinite(loads.marker_error)]
     legs = load_bearing(loads.marker_names, loads.marker_bodies, loads.marker_error)
-    flexion, adduction, rotation = np.rad2deg(loads.angles[:, index]).T
+    knee = loads.joints.index(f"knee_{joint[-1]}")
+    flexion, adduction, rotation = np.rad2deg(loads.angles[:, knee]).T
     return {
         "coordinates": len(loads.coordinate_names),
         "muscles": loads.muscles,
@@ -215,9 +217,11 @@ def _load_figures(loads: JointLoads, joint: str) -> dict[str, object]:
         "marker_legs_rms_mm": _rounded(MM_PER_M * legs.rms),
         "marker_legs_max_mm": _rounded(MM_PER_M * legs.largest),
         "joint": joint,
+        "joint_sagittal_range_deg": _range(np.rad2deg(loads.angles[:, index, 0])),
+        "joint_frontal_range_deg": _range(np.rad2deg(loads.angles[:, index, 1])),
         "knee_flexion_max_deg": _rounded(flexion.max()),
-        "knee_adduction_range_deg": [_rounded(adduction.min()), _rounded(adduction.max())],
-        "knee_rotation_range_deg": [_rounded(rotation.min()), _rounded(rotation.max())],
+        "knee_adduction_range_deg": _range(adduction),
+        "knee_rotation_range_deg": _range(rotation),
         "acting_force_peak_bw": _rounded(np.linalg.norm(loads.acting_force[:, index], axis=1).max() / weight),
         **_muscle_figures(loads, joint),
         "pelvis_residual_rms_n": _rounded(np.sqrt((loads.pelvis_residual_force**2).sum(1).mean())),
@@ -283,6 +287,10 @@ def _design_figures(design: Design, seconds: float) -> dict[str, dict[str, objec
         "normalised_final": dict(zip(names, map(float, design.history[-1]), strict=True)),
     }
     return {"optimize": steps, "brace": figures}
+
+
+def _range(values: Float[np.ndarray, " frame"]) -> list[float]:
+    return [_rounded(values.min()), _rounded(values.max())]
 
 
 def _rounded(value: float) -> float:

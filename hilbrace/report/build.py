@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from hilbrace import __version__
 from hilbrace.biomech.joint_loads import JointLoads
-from hilbrace.config import Config
+from hilbrace.config import ANGLES, Config, passive_stiffness
 from hilbrace.optimize.design import Design
 from hilbrace.report import figures
 from hilbrace.report.light_solid import lighter
@@ -76,7 +76,7 @@ def _draw(records: dict[str, Any]) -> dict[str, Figure]:
         "soft_and_firm": figures.soft_and_firm(domain, design),
         "flat_map": figures.flat_map(domain, design),
         "losses": figures.losses(design),
-        "stiffness": figures.stiffness(design),
+        "stiffness": figures.stiffness(design, joint),
         "predicted_change": figures.predicted_change(domain, design),
         "solid": figures.solid(records["solid"], joint),
         "brace_on_body": figures.brace_on_body(records["solid"], body, joint),
@@ -127,8 +127,9 @@ def _page(
         literal=records["biomech"].convention == "paper_literal",
         marker_rms=f"{biomech['marker_rms_mm']:.1f}",
         volume=f"{100 * brace['volume_fraction']:.1f} %",
-        passive=config.optimize.passive_frontal_nm_per_deg,
-        stiffness_rows=_stiffness_rows(brace),
+        passive=passive_stiffness(config.optimize, config.domain.joint)[1],
+        joint=config.domain.joint,
+        stiffness_rows=_stiffness_rows(brace, config.domain.joint),
         coupling=brace["coupling"],
         prediction_rows=_prediction_rows(brace),
         contact_change=[
@@ -146,13 +147,19 @@ def _sentence(note: str) -> str:
 
 def _cards(metrics: dict[str, dict[str, Any]]) -> list[dict[str, str]]:
     brace, solid, biomech = metrics["brace"], metrics["solid"], metrics["biomech"]
+    joint = biomech["joint"].split("_")[0]
+    bend = max(biomech["joint_sagittal_range_deg"], key=abs)
+    bent = ANGLES[joint][0] if joint == "knee" or bend > 0 else "plantarflexion"
     frontal = brace["stiffness_frontal_nm_per_deg"] / brace["stiffness_frontal_uniform_nm_per_deg"]
     sagittal = brace["stiffness_sagittal_nm_per_deg"] / brace["stiffness_sagittal_uniform_nm_per_deg"]
     return [
         {"value": f"{frontal:.2f} x", "label": "frontal stiffness of a uniform brace of the same volume"},
         {"value": f"{sagittal:.2f} x", "label": "sagittal stiffness of that uniform brace (less is freer)"},
-        {"value": f"{biomech['acting_force_peak_bw']:.2f} BW", "label": "peak acting force across the knee"},
-        {"value": f"{biomech['knee_flexion_max_deg']:.0f} deg", "label": "peak knee flexion"},
+        {
+            "value": f"{biomech['acting_force_peak_bw']:.2f} BW",
+            "label": f"peak acting force across the {joint}",
+        },
+        {"value": f"{abs(bend):.0f} deg", "label": f"peak {joint} {bent}"},
         {"value": f"{solid['mass_g']:.0f} g", "label": f"of rubber, {solid['volume_ml']:.0f} ml to pour"},
         {
             "value": f"{solid['min_strut_mm']:.1f} mm",
@@ -162,15 +169,18 @@ def _cards(metrics: dict[str, dict[str, Any]]) -> list[dict[str, str]]:
     ]
 
 
-def _stiffness_rows(brace: dict[str, Any]) -> list[tuple[str, str, str]]:
+def _stiffness_rows(brace: dict[str, Any], joint: str) -> list[tuple[str, str, str]]:
     rows = []
     for plane in ("frontal", "sagittal", "axial"):
         own, plain = brace[f"stiffness_{plane}_nm_per_deg"], brace[f"stiffness_{plane}_uniform_nm_per_deg"]
-        rows.append((f"{plane}, straight leg [N*m/deg]", f"{own:.4f}", f"{plain:.4f}"))
-    for posture in brace["postures"][1:]:
+        rows.append((f"{plane}, neutral pose [N*m/deg]", f"{own:.4f}", f"{plain:.4f}"))
+    bend = ANGLES[joint][0]
+    for posture in brace["postures"]:
+        if posture["flexion_deg"] == 0.0:
+            continue
         own, plain = posture["frontal_nm_per_deg"], posture["frontal_uniform_nm_per_deg"]
         rows.append(
-            (f"frontal, {posture['flexion_deg']:.0f} deg flexion [N*m/deg]", f"{own:.4f}", f"{plain:.4f}")
+            (f"frontal, {posture['flexion_deg']:.0f} deg {bend} [N*m/deg]", f"{own:.4f}", f"{plain:.4f}")
         )
     return rows
 

@@ -186,10 +186,11 @@ def losses(design: Design) -> Figure:
     return figure
 
 
-def stiffness(design: Design) -> Figure:
+def stiffness(design: Design, joint: str) -> Figure:
     """Brace stiffness against flexion, beside the uniform design of the same volume."""
     figure = Figure(figsize=(8.6, 3.2), layout="constrained")
     flexion = np.rad2deg(design.stiffness_flexions)
+    kind = joint.split("_")[0]
     for place, (column, name) in enumerate(((1, "frontal: firm is good"), (0, "sagittal: soft is good"))):
         axes = figure.add_subplot(1, 2, place + 1)
         axes.plot(
@@ -198,7 +199,7 @@ def stiffness(design: Design) -> Figure:
         axes.plot(
             flexion, 1000 * design.stiffness_posed[:, column], "o-", color=SERIES[place], label="optimized"
         )
-        axes.set(xlabel="knee flexion [deg]", ylabel="stiffness [N*mm/deg]", title=name)
+        axes.set(xlabel=f"{kind} {ANGLES[kind][0]} [deg]", ylabel="stiffness [N*mm/deg]", title=name)
         axes.set_ylim(bottom=0)
         axes.legend(frameon=False)
         _quiet(axes)

@@ -172,7 +172,8 @@ def test_both_couplings_and_all_passive_levels_are_predicted(problem: Problem):
         assert found.sensitivity[1, index, 1] == pytest.approx(at_five, rel=1e-9)
         assert (np.diff(found.sensitivity[:, index, 1]) < 0).all()
         np.testing.assert_allclose(found.angle_change[index, -1], change[-1].numpy(), rtol=1e-9)
-    soft, _, firm = (joint_motion(knee_loads(), "knee_l", (0.5, level, 1.5)) for level in PASSIVE_LEVELS)
+    np.testing.assert_allclose(found.levels, (2.0, 5.0, 10.0))
+    soft, _, firm = (joint_motion(knee_loads(), "knee_l", (0.5, level, 1.5)) for level in found.levels)
     assert float(firm.stiffness[0, 1, 1] / soft.stiffness[0, 1, 1]) == pytest.approx(5.0)
 
 

@@ -26,7 +26,7 @@ LIFT_MM = 3.0
 """The field is drawn this far above the skin and the leg below it, whose coarser mesh would pierce [mm]."""
 
 THIGH, SHANK = 0.72, 0.85
-"""Parts of the thigh and the shank that are shown [-]."""
+"""Parts of the thigh and the shank that are shown around a knee, and of the shank above an ankle [-]."""
 
 TO_FRONT = np.array([[0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """Turns the front of the leg (x) towards the viewer's camera (z)."""
@@ -59,22 +59,27 @@ def turnable(body: Body, domain: Domain, design: Design, brace: Solid) -> str:
 
 
 def leg_around(body: Body, joint: str) -> tuple[Float[Array, "vertex 3"], Int[Array, "triangle 3"]]:
-    """The skin of the braced leg in the domain's frame [mm], from the thigh to above the ankle."""
-    side = joint[-1]
-    knee, hip, ankle = (
-        body.joint_centres[body.joint_names.index(f"{name}_{side}")] for name in ("knee", "hip", "ankle")
-    )
-    vertices = (body.vertices - knee) * MM_PER_M
-    top, bottom = (MM_PER_M * share * (end - knee)[1] for share, end in ((THIGH, hip), (SHANK, ankle)))
+    """The skin around the braced joint in the domain's frame [mm]; of an ankle down to the sole."""
+    kind, side = joint.split("_")
+    centre = _centre(body, joint)
+    above, share = ("hip", THIGH) if kind == "knee" else ("knee", SHANK)
+    vertices = (body.vertices - centre) * MM_PER_M
+    top = MM_PER_M * share * (_centre(body, f"{above}_{side}") - centre)[1]
     up = np.array([0.0, 1.0, 0.0])
     vertices, triangles = cut_by_plane(vertices, body.triangles, up, top, snap=1.0)
-    vertices, triangles = cut_by_plane(vertices, triangles, -up, -bottom, snap=1.0)
+    if kind == "knee":
+        bottom = MM_PER_M * SHANK * (_centre(body, f"ankle_{side}") - centre)[1]
+        vertices, triangles = cut_by_plane(vertices, triangles, -up, -bottom, snap=1.0)
     edges = (np.ones(len(triangles)), (triangles[:, 0], triangles[:, 1]))
     more = (np.ones(len(triangles)), (triangles[:, 1], triangles[:, 2]))
     size = (len(vertices), len(vertices))
     _, part = connected_components(coo_array(edges, size) + coo_array(more, size), directed=False)
     own = part[np.argmin(np.linalg.norm(vertices, axis=1))]
     return compact(vertices, triangles, part[triangles[:, 0]] == own)
+
+
+def _centre(body: Body, joint: str) -> Float[Array, " xyz"]:
+    return body.joint_centres[body.joint_names.index(joint)]
 
 
 def _coloured(vertices: Array, triangles: Array, colours: object) -> trimesh.Trimesh:

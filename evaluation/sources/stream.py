@@ -150,6 +150,7 @@ class SourceEvent:
         device_time_s: Instant by the device's clock [s]; NaN if the device gave none.
         text: The event in a sentence.
         lost: Frames or samples missing by the device's counter; 0 if the counter does not tell.
+        plate: The plate concerned; empty for markers and for the source as a whole.
     """
 
     source: str
@@ -158,6 +159,7 @@ class SourceEvent:
     device_time_s: float
     text: str
     lost: int = 0
+    plate: str = ""
 
 
 Item = SourceInfo | MarkerFrame | PlateSamples | SourceEvent

@@ -29,8 +29,8 @@ class Domain:
             proximal end up, u grows to the right and v upwards.
         seam_pairs: Cut vertices that are one vertex in the closed mesh: (left, right) edge of the flat map,
             from distal to proximal. In a periodic map u differs by exactly ``period_u`` and v by 0.
-        flatten: ``"lscm"`` or ``"periodic"``.
-        period_u: Width of the map around the limb where it is periodic [uv units]; 0 for ``"lscm"``.
+        flatten: ``"lscm"``, ``"periodic"`` or ``"slim"``.
+        period_u: Width of the map around the limb where it is periodic [uv units]; 0 for a free seam.
         time: Frames kept for the design [s].
         posed: Vertices in each frame [mm], in the frame of the neutral tibia (rigid motion removed).
         deformation: Deformation gradient of each triangle, rest to posed [-], between the triangle's own

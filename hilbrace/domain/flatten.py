@@ -1,4 +1,4 @@
-"""Flat maps of the opened sleeve: least-squares conformal, with a free seam or a periodic one.
+"""Flat maps of the opened sleeve: conformal with a free seam or a periodic one, or length-keeping.
 
 The conformal energy is that of Levy, Petitjean, Ray and Maillot (2002): the area-weighted squares of
 ``u_x - v_y`` and ``u_y + v_x`` over the triangles.
@@ -7,6 +7,7 @@ The conformal energy is that of Levy, Petitjean, Ray and Maillot (2002): the are
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,9 +16,11 @@ from scipy.sparse.linalg import splu
 
 from hilbrace.domain.deformation import local_edges
 from hilbrace.domain.seam import Cut
+from hilbrace.domain.slim import slim
 from hilbrace.errors import GeometryError
 
 Array = np.ndarray
+Method = Literal["lscm", "periodic", "slim"]
 
 _GRID = 2.0**40
 """Maps are rounded to this grid, so that differences across the seam are exact in floating point."""
@@ -38,6 +41,30 @@ class FlatMap:
     period_u: float
 
 
+def flatten(vertices: Float[Array, "vertex 3"], cut: Cut, pins: tuple[int, int], method: Method) -> FlatMap:
+    """Flat map of a sleeve, windows allowed.
+
+    Args:
+        vertices: Vertices of the closed sleeve [mm].
+        cut: The sleeve opened along the seam.
+        pins: Cut vertices at the lower and upper loop, opposite the seam.
+        method: ``lscm`` keeps angles and leaves the seam free (the paper's map), ``periodic`` keeps angles
+            and closes at the seam, ``slim`` starts from the first and keeps lengths.
+
+    Raises:
+        GeometryError: The map turns triangles over.
+    """
+    if method == "periodic":
+        flat = periodic_lscm(vertices, cut)
+    else:
+        flat = lscm(vertices, cut, pins)
+    check_flips(vertices[cut.weld], flat.uv, cut.triangles)
+    if method == "slim":
+        flat = _normalise(slim(vertices[cut.weld], cut.triangles, flat.uv), cut, 0.0)
+        check_flips(vertices[cut.weld], flat.uv, cut.triangles)
+    return flat
+
+
 def lscm(vertices: Float[Array, "vertex 3"], cut: Cut, pins: tuple[int, int]) -> FlatMap:
     """Least-squares conformal map of the opened sleeve; both seam edges are free.
 
@@ -45,9 +72,6 @@ def lscm(vertices: Float[Array, "vertex 3"], cut: Cut, pins: tuple[int, int]) ->
         vertices: Vertices of the closed sleeve [mm].
         cut: The sleeve opened along the seam.
         pins: Cut vertices at the lower and upper loop, opposite the seam: held at (0, 0) and (0, 1).
-
-    Raises:
-        GeometryError: The map turns triangles over.
     """
     count = len(cut.weld)
     energy = conformal_energy(vertices[cut.weld], cut.triangles)
@@ -67,9 +91,6 @@ def periodic_lscm(vertices: Float[Array, "vertex 3"], cut: Cut) -> FlatMap:
     Args:
         vertices: Vertices of the closed sleeve [mm].
         cut: The sleeve opened along the seam.
-
-    Raises:
-        GeometryError: The map turns triangles over.
     """
     closed, count = len(vertices), len(cut.weld)
     energy = conformal_energy(vertices[cut.weld], cut.triangles)
@@ -132,7 +153,7 @@ def check_flips(
         raise GeometryError(
             f"the flat map turns {flipped} triangles over",
             where="domain.flatten",
-            hint="take a shorter region, more triangles, or the other map ('lscm' or 'periodic')",
+            hint="take a shorter region, more triangles, or another map ('lscm', 'periodic' or 'slim')",
         )
 
 

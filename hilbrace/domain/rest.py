@@ -9,7 +9,7 @@ from jaxtyping import Int
 
 from hilbrace.body.body import Body
 from hilbrace.config import DomainSettings
-from hilbrace.domain.flatten import FlatMap, check_flips, lscm, mirrored, periodic_lscm
+from hilbrace.domain.flatten import FlatMap, flatten, mirrored
 from hilbrace.domain.limb import Limb, Surface, find_limb, limb_skin
 from hilbrace.domain.region import cut_region, loops_of
 from hilbrace.domain.remesh import edge_for, remesh, surface_area
@@ -41,11 +41,8 @@ def rest_domain(body: Body, settings: DomainSettings) -> RestDomain:
     upper, lower = loops_of(surface)
     path = find_seam(surface, limb, upper, lower, settings.seam_azimuth_deg)
     cut = cut_along(surface, path)
-    if settings.flatten == "periodic":
-        flat = periodic_lscm(surface.vertices, cut)
-    else:
-        flat = lscm(surface.vertices, cut, _pins(surface, limb, upper, lower, cut, settings))
-    check_flips(surface.vertices[cut.weld], flat.uv, cut.triangles)
+    pins = _pins(surface, limb, upper, lower, cut, settings)
+    flat = flatten(surface.vertices, cut, pins, settings.flatten)
     upper, lower = _in_order(upper, int(path[-1]), surface), _in_order(lower, int(path[0]), surface)
     return _back(RestDomain(limb.joint, surface, upper, lower, cut, flat), limb)
 

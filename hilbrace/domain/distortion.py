@@ -101,7 +101,7 @@ def advice(found: MapDistortion, method: str) -> tuple[str, ...]:
             f"the flat map turns {found.flipped_triangles} triangles over: take another domain.flatten,"
             " a shorter region or more triangles"
         )
-    if low < AREA_LIMITS[0] or high > AREA_LIMITS[1]:
+    elif low < AREA_LIMITS[0] or high > AREA_LIMITS[1]:
         said.append(_about_areas(low, high, method))
     if found.quasi_conformal_mean > ANGLE_LIMIT:
         other = "domain.flatten = 'lscm' or 'periodic' keeps" if method == "slim" else "more triangles keep"

@@ -13,13 +13,16 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hilbrace.domain.deformation import local_edges
+from hilbrace.errors import GeometryError
 
 Array = np.ndarray
 
 ITERATIONS = 60
 """Most steps; the braces of a knee are done after some 20."""
-SETTLED = 1e-4
-"""Share of the energy above its least possible value 4 by which the last step must still lower it [-]."""
+SETTLED = 1e-3
+"""Share of the energy above its least possible value 4 below which a step is the last [-]."""
+STRAINED = 0.01
+"""Energy above 4 at which a start that cannot be left is no map to keep [-]."""
 
 
 def slim(
@@ -36,6 +39,9 @@ def slim(
 
     Returns:
         The map in units of the square root of the surface's area, not turned against the start.
+
+    Raises:
+        GeometryError: No step leaves the start, as needle triangles can have it.
     """
     surface = vertices / np.sqrt(np.linalg.det(local_edges(vertices, triangles)).sum() / 2.0)
     flat = start / np.sqrt(np.abs(_doubled_areas(start, triangles)).sum() / 2.0)
@@ -48,12 +54,19 @@ def slim(
         np.zeros((0, 2), order="F"),
         0.0,
     )
-    energy, solution = dirichlet_energy(surface, triangles, flat), flat
+    first = energy = dirichlet_energy(surface, triangles, flat)
+    solution = flat
     for _ in range(ITERATIONS):
         solution = np.array(igl.slim_solve(data, 1))
         before, energy = energy, dirichlet_energy(surface, triangles, solution)
         if before - energy <= SETTLED * (energy - 4.0):
             break
+    if first > 4.0 + STRAINED and energy >= first:
+        raise GeometryError(
+            f"no step lowers the strain of the flat map (energy {first:.3f}, 4 is none)",
+            where="domain.flatten = 'slim'",
+            hint="mesh the surface without needle triangles, or take 'lscm' or 'periodic'",
+        )
     return _turned_back(solution, flat)
 
 

@@ -14,6 +14,8 @@ GRAVITY = 9.80665
 
 LENGTH_TO_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 """Length units that motion files name, in metres."""
+MESH_TO_M = {**LENGTH_TO_M, "inch": 0.0254}
+"""Length units that mesh files come in, in metres."""
 
 DEG = math.pi / 180.0
 """One degree [rad]."""

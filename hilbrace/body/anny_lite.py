@@ -15,9 +15,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int, Integer
 
+from hilbrace.body.segments import makehuman_joints, makehuman_shares
 from hilbrace.run import records
 
 Array = np.ndarray
+
+_SLIDER_SPREAD = 0.5
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,9 @@ class AnnyLite:
         weight_bones: The few bones that carry each vertex.
         weights: Their shares; rows sum to one within rounding.
         source: Where the figures come from, with versions.
+        leg_rms_mm: Distance to the real Anny on the legs of adults outside the bake's sample, root mean
+            square [mm].
+        leg_p99_mm: Its 99th percentile [mm].
     """
 
     template: Float[Array, "vertex 3"]
@@ -49,6 +55,20 @@ class AnnyLite:
     weight_bones: Integer[Array, "vertex slot"]
     weights: Float[Array, "vertex slot"]
     source: str
+    leg_rms_mm: float
+    leg_p99_mm: float
+
+    @property
+    def name(self) -> str:
+        """Name of the model, as the body's record keeps it."""
+        return "anny-lite"
+
+    @property
+    def spread(self) -> Float[Array, " coefficient"]:
+        """Standard deviation of each coefficient among adults; of a slider, a guess."""
+        spread = np.full(len(self.coefficient_names), _SLIDER_SPREAD)
+        spread[: self.components] = 1.0
+        return spread
 
     @property
     def components(self) -> int:
@@ -66,6 +86,18 @@ class AnnyLite:
     def heads(self, shape: Float[Array, " coefficient"]) -> Float[Array, "bone 3"]:
         """Bone heads of one body in the A-pose [m]."""
         return self.head_template + np.tensordot(shape, self.head_directions[: len(shape)], 1)
+
+    def joints(self, shape: Float[Array, " coefficient"]) -> dict[str, Float[Array, " 3"]]:
+        """Joint centres of one body in the A-pose by name and side [m], fingers included."""
+        return makehuman_joints(self.bone_names, self.heads(shape))
+
+    def joint_moves(self) -> dict[str, Float[Array, "coefficient 3"]]:
+        """Change of the joint centres per unit of each coefficient [m]."""
+        return makehuman_joints(self.bone_names, self.head_directions)
+
+    def bone_weights(self) -> Float[Array, "vertex bone"]:
+        """Skinning weights gathered on the skeleton's bodies."""
+        return self.dense_weights() @ makehuman_shares(self.bone_names)
 
     def dense_weights(self) -> Float[Array, "vertex bone"]:
         """Skinning weights as a full matrix, rows summing to one."""

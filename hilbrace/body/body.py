@@ -15,7 +15,7 @@ class Body:
     """A subject's body in the neutral pose (all joint angles zero), OpenSim axes.
 
     Attributes:
-        model: Name of the body model, e.g. ``"anny-lite"``.
+        model: Name of the body model: ``"anny-lite"``, ``"skel"`` or ``"mesh"``.
         mass_kg: Mass [kg].
         height_m: Height [m].
         scaled_bodies: Names of the skeleton's bodies.
@@ -27,8 +27,10 @@ class Body:
         bone_weights: Smoothed skinning weights [-]; rows sum to one.
         joint_names: ``hip_r, knee_r, ankle_r, hip_l, knee_l, ankle_l``.
         joint_centres: Joint centres in the neutral pose [m] (those of the scaled skeleton).
-        fit_error_mm: How far the body model's own joint centres were from them before they were moved [mm].
-        height_error_mm: Height of the skin less the subject's height [mm].
+        fit_error_mm: How far the body model's own joint centres were from them before they were moved [mm];
+            0 for joints of a leg that a scan lacks.
+        height_error_mm: Height of the skin less the subject's height [mm]; 0 where the skin is a leg alone.
+        skinning: ``"dual_quaternion"`` or ``"linear"``.
     """
 
     model: str
@@ -45,3 +47,27 @@ class Body:
     joint_centres: Float[Array, "joint 3"]
     fit_error_mm: Float[Array, " joint"]
     height_error_mm: float
+    skinning: str = "dual_quaternion"
+
+
+@dataclass(frozen=True)
+class NeutralSkin:
+    """What a body model gives for one person: the skin on the skeleton in the neutral pose.
+
+    Attributes:
+        model: Name of the model.
+        shape: Its shape coefficients; none for a mesh.
+        vertices: Skin on the skeleton's neutral pose [m].
+        triangles: Skin triangles, outward.
+        weights: Smoothed weights in the order of `hilbrace.body.segments.BONES`.
+        joints: The model's own joint centres before they were moved [m], by name and side.
+        height_m: Height of the skin [m]; 0 where it is a leg alone.
+    """
+
+    model: str
+    shape: Float[Array, " coefficient"]
+    vertices: Float[Array, "vertex 3"]
+    triangles: Int[Array, "triangle 3"]
+    weights: Float[Array, "vertex bone"]
+    joints: dict[str, Float[Array, " 3"]]
+    height_m: float

@@ -6,10 +6,13 @@ import numpy as np
 from jaxtyping import Float
 
 from hilbrace.body import fit
-from hilbrace.body.anny_lite import AnnyLite, load_anny_lite
-from hilbrace.body.body import Body
+from hilbrace.body.anny_lite import load_anny_lite
+from hilbrace.body.body import Body, NeutralSkin
+from hilbrace.body.mesh import mesh_skin
+from hilbrace.body.model import BodyModel
 from hilbrace.body.neutral import joint_distances, place
-from hilbrace.body.segments import BONES, JOINTS, bone_weights, model_joints, skeleton_joints
+from hilbrace.body.segments import BONES, JOINTS, skeleton_joints
+from hilbrace.body.skel import load_skel
 from hilbrace.body.skinning import smoothed_weights
 from hilbrace.config import BodySettings
 from hilbrace.errors import InputError
@@ -101,7 +104,9 @@ def body_of(
         breadths: Breadths of the joints, where measured (see `joint_breadths`).
 
     Raises:
-        InputError: The mass is unknown.
+        InputError: The mass is unknown, or the file of the model cannot be used.
+        ConfigError: A model needs a file and none is named.
+        GeometryError: A mesh has no such leg.
     """
     if not mass_kg > 0.0:
         raise InputError(
@@ -109,38 +114,70 @@ def body_of(
             where="body stage",
             hint="set subject.mass_kg in the configuration",
         )
-    model = load_anny_lite()
     target = skeleton_joints(skeleton_from_table(scaled_table(load_table(), scales, mass_kg)))
-    weights = _weights(model, settings)
-    lengths = {**fit.target_figures(target), **(breadths or {})}
-    shape, vertices = _fitted(model, weights, target, lengths, (mass_kg / fit.DENSITY, height_m))
-    height = float(np.ptp(vertices[:, 1]))
+    if settings.model == "mesh":
+        skin = mesh_skin(target, height_m, settings)
+    else:
+        lengths = {**fit.target_figures(target), **(breadths or {})}
+        skin = fitted_skin(_model(settings), target, lengths, (mass_kg, height_m), settings)
+    height = skin.height_m
     return Body(
-        model="anny-lite",
+        model=skin.model,
         mass_kg=mass_kg,
         height_m=height_m if height_m > 0.0 else height,
         scaled_bodies=tuple(scales),
         segment_scales=np.stack([np.asarray(scale, dtype=float) for scale in scales.values()]),
-        shape=shape,
-        vertices=vertices,
-        triangles=model.triangles.copy(),
+        shape=skin.shape,
+        vertices=skin.vertices,
+        triangles=skin.triangles,
         bones=BONES,
-        bone_weights=weights,
+        bone_weights=skin.weights,
         joint_names=JOINTS,
         joint_centres=np.stack([target[name] for name in JOINTS]),
-        fit_error_mm=joint_distances(model_joints(model, model.heads(shape)), target) * MM_PER_M,
-        height_error_mm=(height - height_m) * MM_PER_M if height_m > 0.0 else 0.0,
+        fit_error_mm=joint_distances(skin.joints, target) * MM_PER_M,
+        height_error_mm=(height - height_m) * MM_PER_M if height_m > 0.0 and height > 0.0 else 0.0,
+        skinning=settings.skinning,
     )
 
 
-def _weights(model: AnnyLite, settings: BodySettings) -> Float[Array, "vertex bone"]:
-    """Smoothed on the mean adult, so that all bodies share them."""
-    raw = bone_weights(model)
-    return smoothed_weights(model.template, model.triangles, raw, settings.weight_smoothing_mm / MM_PER_M)
+def fitted_skin(
+    model: BodyModel,
+    target: dict[str, Float[Array, " 3"]],
+    lengths: dict[str, float],
+    size: tuple[float, float],
+    settings: BodySettings,
+) -> NeutralSkin:
+    """The skin of a model with shape coefficients, on a skeleton.
+
+    Args:
+        model: The body model.
+        target: Joint centres of the skeleton in the neutral pose [m].
+        lengths: Figures of `hilbrace.body.fit.measure` that are known.
+        size: Mass [kg] and height [m] of the person; height 0 where unknown.
+        settings: Settings of the skin.
+    """
+    mass, height = size
+    weights = smoothed_weights(
+        model.template, model.triangles, model.bone_weights(), settings.weight_smoothing_mm / MM_PER_M
+    )
+    shape, vertices = _fitted(model, weights, target, lengths, (mass / fit.DENSITY, height))
+    return NeutralSkin(
+        model=model.name,
+        shape=shape,
+        vertices=vertices,
+        triangles=np.array(model.triangles),
+        weights=weights,
+        joints=model.joints(shape),
+        height_m=float(np.ptp(vertices[:, 1])),
+    )
+
+
+def _model(settings: BodySettings) -> BodyModel:
+    return load_skel(settings.model_file, settings.gender) if settings.model == "skel" else load_anny_lite()
 
 
 def _fitted(
-    model: AnnyLite,
+    model: BodyModel,
     weights: Float[Array, "vertex bone"],
     target: dict[str, Float[Array, " 3"]],
     lengths: dict[str, float],
@@ -153,8 +190,7 @@ def _fitted(
     for _ in range(ROUNDS):
         whole = {"volume": float(np.log(asked_volume))} | ({"height": asked_height} if height > 0.0 else {})
         shape = fit.fit_shape(model, lengths | whole)
-        placement = place(model_joints(model, model.heads(shape)), target)
-        vertices = placement.apply(model.vertices(shape), weights)
+        vertices = place(model.joints(shape), target).apply(model.vertices(shape), weights)
         asked_volume *= volume / fit.enclosed_volume(vertices, model.triangles)[0]
         asked_height += height - float(np.ptp(vertices[:, 1]))
     return shape, vertices

@@ -6,14 +6,12 @@ coefficient in units of its spread in the population. Figures that are not known
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from hilbrace.body.anny_lite import AnnyLite
-from hilbrace.body.segments import model_joints
+from hilbrace.body.model import BodyModel
 
 Array = np.ndarray
 
@@ -24,7 +22,6 @@ STEPS = 4
 _LEVEL = 0.012
 """Half the thickness of the slice in which a breadth is taken [m]."""
 
-_SLIDER_SPREAD = 0.5
 _ACCURACY = {
     "height": 0.002,
     "volume": 0.003,
@@ -54,42 +51,37 @@ class Figure:
     slope: Float[Array, " coefficient"]
 
 
-Measure = Callable[[AnnyLite, Float[Array, " coefficient"]], dict[str, Figure]]
-
-
 def target_figures(joints: dict[str, Float[Array, " 3"]]) -> dict[str, float]:
     """The lengths that `measure` takes, of a skeleton's joint centres."""
     return {name: float(np.linalg.norm(arrow)) for name, arrow in _arrows(joints).items()}
 
 
-def fit_shape(model: AnnyLite, wanted: dict[str, float]) -> Float[Array, " coefficient"]:
+def fit_shape(model: BodyModel, wanted: dict[str, float]) -> Float[Array, " coefficient"]:
     """The most ordinary shape whose figures are those wanted, each to its accuracy.
 
     Args:
         model: The body model.
         wanted: Figures by their names in `measure`; those that are not known are left out.
     """
-    spread = np.full(len(model.coefficient_names), _SLIDER_SPREAD)
-    spread[: model.components] = 1.0
-    shape = np.zeros(len(spread))
+    shape = np.zeros(len(model.coefficient_names))
     weight = np.array([1.0 / _ACCURACY[name] for name in wanted])
     for _ in range(STEPS):
         figures = measure(model, shape)
         misfit = weight * np.array([goal - figures[name].value for name, goal in wanted.items()])
         slopes = weight[:, None] * np.array([figures[name].slope for name in wanted])
-        normal = slopes.T @ slopes + np.diag(spread**-2)
+        normal = slopes.T @ slopes + np.diag(model.spread**-2)
         shape = np.linalg.solve(normal, slopes.T @ (misfit + slopes @ shape))
     return shape
 
 
-def measure(model: AnnyLite, shape: Float[Array, " coefficient"]) -> dict[str, Figure]:
-    """Figures of a body in the A-pose, with their slopes.
+def measure(model: BodyModel, shape: Float[Array, " coefficient"]) -> dict[str, Figure]:
+    """Figures of a body in the pose of the model, with their slopes.
 
     Lengths between joint centres [m], ``"height"`` [m], ``"knee breadth"`` and ``"ankle breadth"`` from the
     inner to the outer side of the skin at the joint [m], and the logarithm of the ``"volume"`` in m^3.
     """
-    vertices, joints = model.vertices(shape), model_joints(model, model.heads(shape))
-    moves = _arrows(model_joints(model, model.head_directions))
+    vertices, joints = model.vertices(shape), model.joints(shape)
+    moves = _arrows(model.joint_moves())
     figures = {}
     for name, arrow in _arrows(joints).items():
         length = float(np.linalg.norm(arrow))
@@ -117,9 +109,9 @@ def enclosed_volume(
     return float((pull[: len(a)] * a).sum()), gradient
 
 
-def _across(model: AnnyLite, joint: str) -> tuple[int, int, Float[Array, " 3"]]:
+def _across(model: BodyModel, joint: str) -> tuple[int, int, Float[Array, " 3"]]:
     """Outermost and innermost vertex of the right leg around a joint in the mean adult, and the direction."""
-    joints = model_joints(model, model.head_template)
+    joints = model.joints(np.zeros(0))
     along = joints["hip_r"] - joints["ankle_r"]
     along /= np.linalg.norm(along)
     direction = np.array([0.0, 0.0, 1.0]) - along[2] * along

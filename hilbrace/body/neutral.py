@@ -1,4 +1,4 @@
-"""From the body model's A-pose to the skeleton's neutral pose, joint centres on joint centres.
+"""From a body model's own pose to the skeleton's neutral pose, joint centres on joint centres.
 
 First each limb segment is stretched along itself to the skeleton's length (blended linearly, nothing turns),
 then each is carried rigidly to its place (blended as dual quaternions), so that girths stay as they were.
@@ -17,13 +17,16 @@ from hilbrace.body.skinning import skin
 Array = np.ndarray
 Joints = dict[str, Float[Array, " 3"]]
 
+STRAIGHT = 0.03
+"""Sine of the elbow's angle below which an arm counts as straight, so that it has no plane of its own."""
+
 
 @dataclass(frozen=True)
 class Placement:
-    """What brings a body in the A-pose onto a skeleton.
+    """What brings a body in its own pose onto a skeleton.
 
     Attributes:
-        start: Fixed point of each bone's stretch in the A-pose [m], in the order of `BONES`.
+        start: Fixed point of each bone's stretch in the own pose [m], in the order of `BONES`.
         stretch: Matrix of the stretch.
         shift: Where the fixed point goes [m].
         rotation: Rotation into the neutral pose.
@@ -42,7 +45,7 @@ class Placement:
         """The skin in the neutral pose [m].
 
         Args:
-            vertices: Skin in the A-pose [m].
+            vertices: Skin in its own pose [m].
             weights: Weights in the order of `BONES`.
         """
         moved = np.einsum("bij,vbj->vbi", self.stretch, vertices[:, None] - self.start) + self.shift
@@ -54,10 +57,11 @@ def place(own: Joints, target: Joints) -> Placement:
     """Find the placement of a body with given joint centres.
 
     The shoulders alone stay where the trunk carries them and the upper arms reach from there to the
-    skeleton's elbows: the skeleton's shoulder lies higher than a person's with the arms down.
+    skeleton's elbows: the skeleton's shoulder lies higher than a person's with the arms down. A limb whose
+    joints are not all given rides on the pelvis.
 
     Args:
-        own: Joint centres of the body model in the A-pose [m], fingers included (see `model_joints`).
+        own: Joint centres of the body model in its own pose [m]; fingers, where given, tell the palms.
         target: Joint centres of the skeleton in its neutral pose [m].
     """
     count = len(BONES)
@@ -65,12 +69,14 @@ def place(own: Joints, target: Joints) -> Placement:
     stretch, rotation = np.tile(np.eye(3), (count, 1, 1)), np.tile(np.eye(3), (count, 1, 1))
     pelvis_shift = _pelvis_shift(own, target)
     translation = np.tile(pelvis_shift, (count, 1))
-    target = target | {name: own[name] + pelvis_shift for name in ("shoulder_r", "shoulder_l")}
+    target = target | {n: own[n] + pelvis_shift for n in ("shoulder_r", "shoulder_l") if n in own}
     for side in SIDES:
         chain = dict(own)
-        turns = _limb_rotations(own, target, side)
+        turns = _leg_rotations(own, target, side) | _arm_rotations(own, target, side)
         for segment in SEGMENTS:
             begin, end = f"{segment.start}_{side}", f"{segment.end}_{side}"
+            if segment.bones[0] not in turns:
+                continue
             axis, length = _split(own[end] - own[begin])
             ratio = _split(target[end] - target[begin])[1] / length
             chain[end] = chain[begin] + ratio * (own[end] - own[begin])
@@ -81,6 +87,8 @@ def place(own: Joints, target: Joints) -> Placement:
                 rotation[row] = turns[bone]
                 translation[row] = target[begin] - turns[bone] @ chain[begin]
         for bone, joint in (("calcn", "ankle"), ("toes", "ankle"), ("hand", "wrist")):
+            if bone not in turns:
+                continue
             row, name = BONES.index(f"{bone}_{side}"), f"{joint}_{side}"
             start[row], shift[row] = own[name], chain[name]
             rotation[row] = turns[bone]
@@ -92,47 +100,70 @@ def joint_distances(own: Joints, target: Joints) -> Float[Array, " joint"]:
     """How far the body model's hips, knees and ankles are from the skeleton's in the neutral pose [m].
 
     The body model's legs are straightened with their own lengths, the middle of its hips on the
-    skeleton's; in the order of `JOINTS`.
+    skeleton's; in the order of `JOINTS`, 0 for a leg that is not given.
     """
     shift = _pelvis_shift(own, target)
     placed: Joints = {}
     for side in SIDES:
         hip, knee, ankle = (f"{joint}_{side}" for joint in ("hip", "knee", "ankle"))
+        if hip not in own:
+            continue
         placed[hip] = own[hip] + shift
         for begin, end in ((hip, knee), (knee, ankle)):
             direction = _split(target[end] - target[begin])[0]
             placed[end] = placed[begin] + _split(own[end] - own[begin])[1] * direction
-    return np.array([np.linalg.norm(placed[name] - target[name]) for name in JOINTS])
+    return np.array([np.linalg.norm(placed.get(name, target[name]) - target[name]) for name in JOINTS])
 
 
 def _pelvis_shift(own: Joints, target: Joints) -> Float[Array, " 3"]:
-    return (target["hip_r"] + target["hip_l"] - own["hip_r"] - own["hip_l"]) / 2.0
+    hips = [name for name in ("hip_r", "hip_l") if name in own]
+    return np.mean([target[name] - own[name] for name in hips], axis=0)
 
 
-def _limb_rotations(own: Joints, target: Joints, side: str) -> dict[str, Float[Array, "3 3"]]:
-    """Rotation of each limb bone of one side from the A-pose to the neutral pose.
+def _leg_rotations(own: Joints, target: Joints, side: str) -> dict[str, Float[Array, "3 3"]]:
+    """Rotation of the bones of one leg into the neutral pose.
 
-    Legs turn the shortest way; feet stay as they are, flat and forward. The plane of upper arm and forearm
-    becomes the sagittal plane, and the forearm turns until the palm looks forward (the skeleton's zero).
+    Thigh and shank turn the shortest way; the foot stays as it is, flat and forward.
     """
-    o = {name: own[f"{name}_{side}"] for name in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")}
-    t = {name: target[f"{name}_{side}"] for name in o}
-    lateral = np.array([0.0, 0.0, 1.0 if side == "r" else -1.0])
-    bend = np.cross(o["elbow"] - o["shoulder"], o["wrist"] - o["elbow"])
-    flexion = np.array([0.0, 0.0, 1.0])
-    forearm = _turn(o["wrist"] - o["elbow"], bend, t["wrist"] - t["elbow"], flexion)
-    knuckles = own[f"index_{side}"] - own[f"little_{side}"]
-    hand = _turn(o["wrist"] - o["elbow"], knuckles, t["wrist"] - t["elbow"], lateral)
+    names = [f"{joint}_{side}" for joint in ("hip", "knee", "ankle")]
+    if any(name not in own for name in names):
+        return {}
+    hip, knee, ankle = (own[name] for name in names)
+    hip_there, knee_there, ankle_there = (target[name] for name in names)
     return {
-        "femur": _shortest(o["knee"] - o["hip"], t["knee"] - t["hip"]),
-        "tibia": _shortest(o["ankle"] - o["knee"], t["ankle"] - t["knee"]),
+        "femur": _shortest(knee - hip, knee_there - hip_there),
+        "tibia": _shortest(ankle - knee, ankle_there - knee_there),
         "calcn": np.eye(3),
         "toes": np.eye(3),
-        "humerus": _turn(o["elbow"] - o["shoulder"], bend, t["elbow"] - t["shoulder"], flexion),
-        "ulna": forearm,
-        "radius": hand,
-        "hand": hand,
     }
+
+
+def _arm_rotations(own: Joints, target: Joints, side: str) -> dict[str, Float[Array, "3 3"]]:
+    """Rotation of the bones of one arm into the neutral pose.
+
+    The plane of upper arm and forearm becomes the sagittal plane, and the forearm turns until the palm looks
+    forward (the skeleton's zero); a hand without fingers stays as it lies on the forearm.
+    """
+    names = [f"{joint}_{side}" for joint in ("shoulder", "elbow", "wrist")]
+    if any(name not in own for name in names):
+        return {}
+    (upper, lower), (upper_there, lower_there) = (
+        (arm[names[1]] - arm[names[0]], arm[names[2]] - arm[names[1]]) for arm in (own, target)
+    )
+    flexion = np.array([0.0, 0.0, 1.0])
+    lateral = flexion if side == "r" else -flexion
+    bend = np.cross(upper, lower)
+    if np.linalg.norm(bend) < STRAIGHT * np.linalg.norm(upper) * np.linalg.norm(lower):
+        turns = {"humerus": _shortest(upper, upper_there), "ulna": _shortest(lower, lower_there)}
+    else:
+        turns = {
+            "humerus": _turn(upper, bend, upper_there, flexion),
+            "ulna": _turn(lower, bend, lower_there, flexion),
+        }
+    hand = turns["ulna"]
+    if f"index_{side}" in own:
+        hand = _turn(lower, own[f"index_{side}"] - own[f"little_{side}"], lower_there, lateral)
+    return turns | {"radius": hand, "hand": hand}
 
 
 def _split(vector: Float[Array, " 3"]) -> tuple[Float[Array, " 3"], float]:

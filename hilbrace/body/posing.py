@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hilbrace.body.body import Body
-from hilbrace.body.skinning import skin
+from hilbrace.body.skinning import SKINNINGS
 from hilbrace.errors import InputError
 from hilbrace.skeleton.kinematics import Skeleton, skeleton_from_table
 from hilbrace.skeleton.scaling import scaled_table
@@ -73,4 +73,5 @@ def posed_skin(
     Raises:
         InputError: A name is not one of the skeleton's, or names and values differ in number.
     """
-    return skin(body.vertices, body.bone_weights, *bone_transforms(body, coordinate_names, coordinates))
+    motion = bone_transforms(body, coordinate_names, coordinates)
+    return SKINNINGS[body.skinning](body.vertices, body.bone_weights, *motion)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from hilbrace.body.anny_lite import AnnyLite
 from hilbrace.skeleton.kinematics import Skeleton
 
 Array = np.ndarray
@@ -86,17 +85,17 @@ _ORIGINS = {
 }
 
 
-def model_joints(
-    model: AnnyLite, heads: Float[Array, "*batch bone 3"]
+def makehuman_joints(
+    bone_names: tuple[str, ...], heads: Float[Array, "*batch bone 3"]
 ) -> dict[str, Float[Array, "*batch 3"]]:
-    """Joint centres of the body model, by name and side (``"hip_r"``), from its bone heads [m].
+    """Joint centres by name and side (``"hip_r"``) from the heads of MakeHuman's bones [m].
 
     Linear in the heads. The hip is moved inward by `HIP_INWARD` and forward to above the knee, where it lies
     40 % of the depth of the pelvis behind its front: MakeHuman's is 30 mm further back, and the skeleton's
     markers on the pelvis then hang behind the skin.
     """
     joints = {
-        f"{joint}_{side}": heads[..., model.bone_names.index(f"{bone}.{side.upper()}"), :]
+        f"{joint}_{side}": heads[..., bone_names.index(f"{bone}.{side.upper()}"), :]
         for side in SIDES
         for joint, bone in _HEADS.items()
     }
@@ -116,10 +115,9 @@ def skeleton_joints(skeleton: Skeleton) -> dict[str, Float[Array, " 3"]]:
     }
 
 
-def bone_weights(model: AnnyLite) -> Float[Array, "vertex bone"]:
-    """Weights of the body model gathered on the skeleton's bodies, in the order of `BONES`."""
-    shares = np.array([_shares(name) for name in model.bone_names])
-    return model.dense_weights() @ shares
+def makehuman_shares(bone_names: tuple[str, ...]) -> Float[Array, "makehuman bone"]:
+    """Share of each of MakeHuman's bones in the skeleton's bodies, in the order of `BONES`."""
+    return np.array([_shares(name) for name in bone_names])
 
 
 def _shares(bone: str) -> Float[Array, " bone"]:

@@ -1,10 +1,12 @@
-"""How the skin follows the bones: smoothed weights and dual-quaternion skinning.
+"""How the skin follows the bones: smoothed weights, and dual-quaternion or linear skinning.
 
 Linear blending of raw weights folds the skin behind a bent knee, and the strain there would rule the
 design. Weights diffused over some centimetres, blended as dual quaternions, keep it whole to 110 degrees.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import igl
 import numpy as np
@@ -106,6 +108,31 @@ def skin(
         sign = np.where((real @ real[:, bone, :, None])[..., 0] < 0.0, -1.0, 1.0)
         blend[:, led] = weights[led] @ (sign[..., None] * both)
     return quaternions.move(blend[..., :4], blend[..., 4:], points)
+
+
+def linear_skin(
+    points: Float[Array, "point 3"],
+    weights: Float[Array, "point bone"],
+    rotations: Float[Array, "frame bone 3 3"],
+    translations: Float[Array, "frame bone 3"],
+) -> Float[Array, "frame point 3"]:
+    """Points carried by the bones, blended linearly: each is the weighted mean of where its bones take it.
+
+    Arguments and result are those of `skin`. The result is linear in the bones' matrices; the limb loses
+    volume where it bends.
+    """
+    ones = np.ones((len(points), 1))
+    operator = weights[:, :, None] * np.concatenate([points, ones], axis=1)[:, None, :]
+    matrices = np.concatenate([rotations, translations[..., None]], axis=-1)
+    flat = np.moveaxis(matrices, 2, 3).reshape(len(rotations), -1, 3)
+    return operator.reshape(len(points), -1) @ flat
+
+
+SKINNINGS: dict[str, Callable[..., Float[Array, "frame point 3"]]] = {
+    "dual_quaternion": skin,
+    "linear": linear_skin,
+}
+"""Ways to blend the bones' motions, by their names in the configuration (``body.skinning``)."""
 
 
 def _fine_patch(points: Float[Array, "point 3"], body: Body) -> tuple[Array, Array, Array]:

@@ -10,7 +10,7 @@ import pytest
 
 from hilbrace.body.anny_lite import load_anny_lite
 from hilbrace.body.fit import enclosed_volume
-from hilbrace.body.segments import BONES, bone_weights, model_joints
+from hilbrace.body.segments import BONES
 from tests.unit.body_people import mirror_of
 
 
@@ -47,12 +47,12 @@ def test_left_mirrors_right_exactly(model):
     flip = np.array([1.0, 1.0, -1.0])
     np.testing.assert_array_equal(model.template[mirror], model.template * flip)
     np.testing.assert_array_equal(model.directions[:, mirror], model.directions * flip)
-    joints = model_joints(model, model.head_template)
+    joints = model.joints(np.zeros(0))
     np.testing.assert_array_equal(joints["knee_l"], joints["knee_r"] * flip)
 
 
 def test_weights_mirror_and_sum_to_one(model):
-    weights = bone_weights(model)
+    weights = model.bone_weights()
     np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-14)
     assert weights.min() >= 0.0
     other = [BONES.index(n[:-1] + {"r": "l", "l": "r"}[n[-1]] if n[-2] == "_" else n) for n in BONES]

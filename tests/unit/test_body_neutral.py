@@ -7,7 +7,7 @@ import pytest
 
 from hilbrace.body.anny_lite import load_anny_lite
 from hilbrace.body.neutral import joint_distances, place
-from hilbrace.body.segments import BONES, JOINTS, SEGMENTS, model_joints, skeleton_joints
+from hilbrace.body.segments import BONES, JOINTS, SEGMENTS, skeleton_joints
 from hilbrace.skeleton.kinematics import skeleton_from_table
 from hilbrace.skeleton.table import load_table
 
@@ -15,7 +15,7 @@ from hilbrace.skeleton.table import load_table
 @pytest.fixture(scope="module")
 def own():
     model = load_anny_lite()
-    return model_joints(model, model.head_template)
+    return model.joints(np.zeros(0))
 
 
 @pytest.fixture(scope="module")

@@ -16,6 +16,7 @@ from hilbrace.biomech.muscles import MOVED
 from hilbrace.body.body import Body
 from hilbrace.body.build import build_body
 from hilbrace.domain.build import build_domain
+from hilbrace.domain.distortion import advice, map_distortion
 from hilbrace.domain.domain import Domain
 from hilbrace.errors import ConfigError
 from hilbrace.motion.marker_maps import read_marker_map
@@ -110,17 +111,15 @@ def domain(inputs: Inputs) -> Outcome:
     record = build_domain(inputs.records["body"], inputs.records["biomech"], inputs.config.domain)
     surface = inputs.folder / "domain.ply"
     write_surface(surface, record.vertices, record.triangles)
-    edges = record.uv[record.cut_triangles]
-    first, second = edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]
-    turned = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    distortion = map_distortion(record)
     figures = {
         "joint": record.joint,
         "triangles": len(record.triangles),
-        "flipped_triangles": int((turned <= 0).sum()),
-        "quasi_conformal_mean": _rounded(record.quasi_conformal.mean()),
+        **distortion.figures(),
         "frames": len(record.time),
         "area_ratio_min": _rounded(np.linalg.det(record.deformation).min()),
         "area_ratio_max": _rounded(np.linalg.det(record.deformation).max()),
+        "notes": list(advice(distortion, record.flatten)),
     }
     return Outcome(record, (surface,), {"domain": figures})
 

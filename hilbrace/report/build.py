@@ -19,10 +19,13 @@ from hilbrace.config import ANGLES, Config, passive_stiffness
 from hilbrace.optimize.design import Design
 from hilbrace.report import figures
 from hilbrace.report.light_solid import lighter
+from hilbrace.report.map_pictures import map_distortion_picture
 from hilbrace.report.viewer import turnable
 from hilbrace.run.records import write_atomic
 
-PAINTED = frozenset({"key_frames", "field_on_leg", "soft_and_firm", "solid", "brace_on_body"})
+PAINTED = frozenset(
+    {"key_frames", "field_on_leg", "map_distortion", "soft_and_firm", "solid", "brace_on_body"}
+)
 """Pictures made of many triangles: PNG alone. The others are drawings: SVG as well."""
 
 
@@ -75,6 +78,7 @@ def _draw(records: dict[str, Any]) -> dict[str, Figure]:
         "field_on_leg": figures.field_on_leg(domain, design),
         "soft_and_firm": figures.soft_and_firm(domain, design),
         "flat_map": figures.flat_map(domain, design),
+        "map_distortion": map_distortion_picture(domain),
         "losses": figures.losses(design),
         "stiffness": figures.stiffness(design, joint),
         "predicted_change": figures.predicted_change(domain, design),
@@ -137,7 +141,9 @@ def _page(
             for name in ("stiffness", "paper")
         ],
         figures_rows=_figure_rows(metrics),
-        notes=[_sentence(note) for note in (*motion["notes"], *biomech["notes"])],
+        notes=[
+            _sentence(note) for note in (*motion["notes"], *biomech["notes"], *metrics["domain"]["notes"])
+        ],
     )
 
 

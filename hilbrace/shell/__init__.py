@@ -22,7 +22,7 @@ from hilbrace.shell.response import (
     skin_reaction,
     static_modes,
 )
-from hilbrace.shell.section import Section, isotropic, map_directions, orthotropic
+from hilbrace.shell.section import Section, isotropic, map_directions, map_rotations, orthotropic
 from hilbrace.shell.solver import available_backends, open_solver
 
 __all__ = [
@@ -57,6 +57,7 @@ __all__ = [
     "lay_on_skin",
     "loop_stiffness",
     "map_directions",
+    "map_rotations",
     "open_pool",
     "open_solver",
     "orthotropic",

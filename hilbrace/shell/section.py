@@ -153,6 +153,30 @@ def map_directions(
     return (edges[:, 0] * flat[:, 1, 1, None] - edges[:, 1] * flat[:, 0, 1, None]) / area[:, None]
 
 
+def map_rotations(
+    corners: Float[Array, "triangle 3 3"], corner_uv: Float[Array, "triangle 3 2"]
+) -> Float[Array, "triangle 3 3"]:
+    """Rotations from the axes of the flat map to those of the surface (paper, Sec. 3.3.1).
+
+    Args:
+        corners: Corner positions of each triangle, at rest or posed [mm].
+        corner_uv: The flat map at the same corners.
+
+    Returns:
+        Unit columns: where u grows (see `map_directions`), a quarter turn from it in the triangle, where v
+        grows if the map is conformal, and the normal. Strains and sections that lie along the map go to the
+        frame of the brace by them.
+
+    Raises:
+        GeometryError: A triangle has no area in the map.
+    """
+    along = map_directions(corners, corner_uv)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.stack([along, np.cross(normal, along), normal], axis=-1)
+
+
 def section_roots(section: Section) -> SectionRoots:
     """Square roots of the matrices of a section.
 

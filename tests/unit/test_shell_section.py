@@ -12,7 +12,14 @@ from hilbrace.errors import GeometryError
 from hilbrace.shell import build_shell, loop_stiffness
 from hilbrace.shell.directors import nodal_directors, tangent_basis
 from hilbrace.shell.element import element_stiffness, element_stiffness_and_slope
-from hilbrace.shell.section import Section, isotropic, map_directions, orthotropic, section_roots
+from hilbrace.shell.section import (
+    Section,
+    isotropic,
+    map_directions,
+    map_rotations,
+    orthotropic,
+    section_roots,
+)
 from tests.unit.shell_benchmarks import TURN_X, TURN_Y, TURN_Z, Problem, X, Y, Z
 from tests.unit.shell_cases import grid, tube
 
@@ -284,6 +291,22 @@ def test_axis_one_is_where_u_grows_and_v_stays(seed):
     corners = np.einsum("txk,tik->tix", jacobian, flat) + rng.standard_normal((5, 1, 3))
     ours = map_directions(corners, flat)
     np.testing.assert_allclose(ours, jacobian[:, :, 0], atol=1e-12)
+
+
+@given(st.integers(0, 1000))
+def test_rotations_of_a_conformal_map_are_its_jacobian_over_its_scale(seed):
+    rng = np.random.default_rng(seed)
+    flat = np.array([[0, 0], [1, 0], [0.3, 0.8]]) + rng.uniform(-0.2, 0.2, (5, 3, 2))
+    turn = np.linalg.qr(rng.standard_normal((5, 3, 3)))[0]
+    turn *= np.linalg.det(turn)[:, None, None]
+    scale = rng.uniform(100, 500, (5, 1, 1))
+    corners = np.einsum("txk,tik->tix", scale * turn[:, :, :2], flat) + rng.standard_normal((5, 1, 3))
+    ours = map_rotations(corners, flat)
+    np.testing.assert_allclose(ours, turn, atol=1e-10)
+    np.testing.assert_allclose(
+        ours.transpose(0, 2, 1) @ ours, np.broadcast_to(np.eye(3), (5, 3, 3)), atol=1e-13
+    )
+    np.testing.assert_allclose(np.linalg.det(ours), 1.0, atol=1e-12)
 
 
 def test_triangle_without_area_in_the_map_is_named():

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
+from jaxtyping import Int
+
 from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.body.body import Body
 from hilbrace.config import DomainSettings
 from hilbrace.domain.deformation import check_deformation, deformation_gradients
 from hilbrace.domain.domain import Domain
 from hilbrace.domain.flatten import quasi_conformal
-from hilbrace.domain.frames import frames_of, pose_in_tibia
+from hilbrace.domain.frames import frames_of, pose_in_distal
 from hilbrace.domain.rest import rest_domain
+
+Array = np.ndarray
 
 
 def build_domain(body: Body, loads: JointLoads, settings: DomainSettings) -> Domain:
@@ -27,7 +32,7 @@ def build_domain(body: Body, loads: JointLoads, settings: DomainSettings) -> Dom
     rest = rest_domain(body, settings)
     frames = frames_of(loads, rest.joint, settings.frames_per_second)
     vertices, triangles = rest.surface.vertices, rest.surface.triangles
-    posed = pose_in_tibia(vertices, rest.joint, body, loads.coordinate_names, loads.coordinates[frames])
+    posed = pose_in_distal(vertices, rest.joint, body, loads.coordinate_names, loads.coordinates[frames])
     deformation = deformation_gradients(vertices, posed, triangles)
     check_deformation(deformation, loads.time[frames])
     opened = vertices[rest.cut.weld]
@@ -35,8 +40,8 @@ def build_domain(body: Body, loads: JointLoads, settings: DomainSettings) -> Dom
         joint=rest.joint,
         vertices=vertices,
         triangles=triangles,
-        upper_loop=rest.upper_loop,
-        lower_loop=rest.lower_loop,
+        upper_loop=rest.loops.upper,
+        lower_loop=rest.loops.lower,
         cut_triangles=rest.cut.triangles,
         weld=rest.cut.weld,
         uv=rest.flat.uv,
@@ -47,4 +52,11 @@ def build_domain(body: Body, loads: JointLoads, settings: DomainSettings) -> Dom
         posed=posed,
         deformation=deformation,
         quasi_conformal=quasi_conformal(opened, rest.flat.uv, rest.cut.triangles),
+        windows=_numbered(rest.loops.windows),
     )
+
+
+def _numbered(windows: tuple[Int[Array, " corner"], ...]) -> Int[Array, "corner 2"]:
+    """Edges of windows as rows of (number of the window, vertex)."""
+    rows = [np.stack([np.full(len(loop), k), loop], axis=1) for k, loop in enumerate(windows)]
+    return np.concatenate([np.zeros((0, 2), np.int64), *rows])

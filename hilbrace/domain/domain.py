@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,11 +14,19 @@ Array = np.ndarray
 class Domain:
     """The design domain in the brace's rest frame [mm]: neutral pose, OpenSim axes, origin in the joint.
 
+    The rest frame is that of the joint's distal body in `JointLoads` (tibia of a knee, talus of an ankle) in
+    the neutral pose, moved into the joint's centre and not turned: z is to the subject's right on both legs,
+    and forces and axes in the distal frame are loads and axes in the rest frame.
+
+    A sleeve is an annulus around the limb with two ends, the upper and the lower loop; a brace of the ankle
+    goes from the shank to the midfoot. Windows (kneecap, open heel) are holes inside it: their edges are no
+    ends, and nothing holds them.
+
     The mesh is closed around the limb (welded at the seam). The flat map lives on a copy of the mesh cut
     along the seam: ``cut_triangles`` index the rows of ``uv``, ``weld`` leads from them to the vertices.
 
     Attributes:
-        joint: ``knee_l`` or ``knee_r``.
+        joint: ``knee_l``, ``knee_r``, ``ankle_l`` or ``ankle_r``.
         vertices: Rest positions [mm].
         triangles: Vertex indices, outward orientation.
         upper_loop: Vertices of the proximal edge, in order around: from the seam the way u grows.
@@ -32,10 +40,13 @@ class Domain:
         flatten: ``"lscm"``, ``"periodic"`` or ``"slim"``.
         period_u: Width of the map around the limb where it is periodic [uv units]; 0 for a free seam.
         time: Frames kept for the design [s].
-        posed: Vertices in each frame [mm], in the frame of the neutral tibia (rigid motion removed).
+        posed: Vertices in each frame [mm], in the rest frame: seen by an observer who rides on
+            the distal body.
         deformation: Deformation gradient of each triangle, rest to posed [-], between the triangle's own
             axes: the first along the edge from corner 0 to 1, the second in the triangle towards corner 2.
         quasi_conformal: Ratio of the singular values of the flat map per triangle [-], 1 is conformal.
+        windows: Edges of the windows: rows of (number of the window, vertex), in order around each window, the
+            way the lower loop runs. No rows for a plain sleeve.
     """
 
     joint: str
@@ -53,15 +64,22 @@ class Domain:
     posed: Float[Array, "frame vertex 3"]
     deformation: Float[Array, "frame triangle 2 2"]
     quasi_conformal: Float[Array, " triangle"]
+    windows: Int[Array, "corner 2"] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+
+    @property
+    def window_loops(self) -> tuple[Int[Array, " corner"], ...]:
+        """Vertices of the edge of each window, in order around."""
+        count = int(self.windows[:, 0].max(initial=-1)) + 1
+        return tuple(self.windows[self.windows[:, 0] == number, 1] for number in range(count))
 
 
 @dataclass(frozen=True)
 class RimBand:
-    """Triangles that become solid bands along both loops.
+    """Triangles that become solid bands along the loops, those of the windows included.
 
     Attributes:
         triangles: True where a triangle's centre lies within ``width_mm`` of a loop.
-        vertex_distance: Distance of each vertex to the nearer loop [mm].
+        vertex_distance: Distance of each vertex to the nearest loop [mm].
         width_mm: Width of the band [mm].
     """
 

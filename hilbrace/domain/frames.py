@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float, Int
 
 from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.body.body import Body
 from hilbrace.body.posing import bone_transforms
-from hilbrace.body.skinning import bind, skin
+from hilbrace.body.skinning import SKINNINGS, bind
 from hilbrace.errors import ConfigError, GeometryError, InputError
 from hilbrace.units import MM_PER_M
 
 Array = np.ndarray
+
+_DISTAL = {"knee": "tibia", "ankle": "talus"}
+_SKIN_BELOW = {"knee": "tibia", "ankle": "calcn"}
+"""Bone of the skeleton below each joint, and bone that carries the skin there."""
 
 MAX_FRAMES = 60
 """Most frames that a design looks at."""
@@ -70,34 +76,40 @@ def frames_of(loads: JointLoads, joint: str, frames_per_second: float) -> Int[Ar
     return choose_frames(loads.time, flexion, force, frames_per_second)
 
 
-def pose_in_tibia(
+def pose_in_distal(
     rest: Float[Array, "vertex 3"],
     joint: str,
     body: Body,
     coordinate_names: tuple[str, ...],
     coordinates: Float[Array, "frame coordinate"],
 ) -> Float[Array, "frame vertex 3"]:
-    """Move the domain with the body's skin, and take the tibia's rigid motion out again.
+    """Move the domain with the body's skin, and take the distal bone's rigid motion out again.
+
+    The distal bone is the one that `JointLoads` gives its forces and axes in: the tibia of a knee, the talus
+    of an ankle.
 
     Args:
         rest: Domain vertices [mm], neutral pose, origin at the joint centre.
-        joint: ``knee_l`` or ``knee_r``.
+        joint: ``knee_l``, ``ankle_r``, ...
         body: The body whose skinning moves them.
         coordinate_names: Names of the coordinates.
         coordinates: Their values in the frames wanted [rad or m].
 
     Returns:
-        Positions [mm] in the frame of the neutral tibia, origin at the joint centre.
+        Positions [mm] in the frame of the neutral distal bone, origin at the joint centre.
 
     Raises:
-        GeometryError: The body has no tibia on that side.
+        GeometryError: The body's skin hangs on no bone below the joint.
     """
     centre = body.joint_centres[body.joint_names.index(joint)]
     rotations, translations = bone_transforms(body, coordinate_names, coordinates)
     points = rest / MM_PER_M + centre
-    posed = skin(points, bind(points, body), rotations, translations)
-    tibia = _bone(body, f"tibia_{joint[-1]}")
-    return (to_bone(posed, rotations[:, tibia], translations[:, tibia]) - centre) * MM_PER_M
+    posed = SKINNINGS[body.skinning](points, bind(points, body), rotations, translations)
+    _check_bone(body, f"{_SKIN_BELOW[joint[:-2]]}_{joint[-1]}")
+    # The talus carries no skin of its own: it is asked for by name, as any body of the skeleton can be.
+    distal = replace(body, bones=(f"{_DISTAL[joint[:-2]]}_{joint[-1]}",))
+    rotation, translation = bone_transforms(distal, coordinate_names, coordinates)
+    return (to_bone(posed, rotation[:, 0], translation[:, 0]) - centre) * MM_PER_M
 
 
 def to_bone(
@@ -115,11 +127,10 @@ def to_bone(
     return (points - translation[:, None, :]) @ rotation
 
 
-def _bone(body: Body, name: str) -> int:
+def _check_bone(body: Body, name: str) -> None:
     if name not in body.bones:
         raise GeometryError(
             f"the body's skin hangs on no bone {name!r}",
             where="bones of the body",
             hint=f"bones there are: {', '.join(body.bones)}",
         )
-    return body.bones.index(name)

@@ -1,4 +1,4 @@
-"""Cutting a mesh along a plane, so that the cut becomes edges of the mesh."""
+"""Cutting a mesh along a plane or a level line, so that the cut becomes edges of the mesh."""
 
 from __future__ import annotations
 
@@ -69,6 +69,51 @@ def cut_by_plane(
     snapped = np.where(near[:, None], vertices - levels[:, None] * normal, vertices)
     split, pieces, levels = split_at_zero(snapped, triangles, np.where(near, 0.0, levels))
     return compact(split, pieces, levels[pieces].sum(axis=1) < 0.0)
+
+
+def cut_by_levels(
+    vertices: Float[Array, "vertex 3"],
+    triangles: Int[Array, "triangle 3"],
+    levels: Float[Array, " vertex"],
+    snap: float,
+) -> tuple[Float[Array, "new 3"], Int[Array, "kept 3"]]:
+    """Keep the part of a mesh where a function of its vertices is negative.
+
+    Args:
+        vertices: Positions.
+        triangles: Vertex indices.
+        levels: Value of the function at the vertices, linear in between.
+        snap: Vertices nearer to the zero line than this share of an edge are moved along that edge onto it,
+            which keeps slivers away [-].
+
+    Returns:
+        Vertices and triangles; vertices that no triangle uses are left out.
+    """
+    snapped, levels = _snapped(vertices, triangles, levels, snap)
+    split, pieces, levels = split_at_zero(snapped, triangles, levels)
+    return compact(split, pieces, levels[pieces].sum(axis=1) < 0.0)
+
+
+def _snapped(
+    vertices: Float[Array, "vertex 3"],
+    triangles: Int[Array, "triangle 3"],
+    levels: Float[Array, " vertex"],
+    snap: float,
+) -> tuple[Float[Array, "vertex 3"], Float[Array, " vertex"]]:
+    """Vertices moved onto the zero line along the edge whose crossing is nearest, and their levels."""
+    edges, _ = mesh_edges(triangles)
+    both = np.concatenate([edges, edges[:, ::-1]])
+    here, there = levels[both[:, 0]], levels[both[:, 1]]
+    crossing = here * there < 0.0
+    both, part = both[crossing], here[crossing] / (here[crossing] - there[crossing])
+    order = np.argsort(-part, kind="stable")
+    order = order[part[order] < snap]
+    moved, flat = vertices.copy(), levels.copy()
+    # The nearest crossing is written last.
+    start, step = vertices[both[order, 0]], vertices[both[order, 1]] - vertices[both[order, 0]]
+    moved[both[order, 0]] = start + part[order, None] * step
+    flat[both[order, 0]] = 0.0
+    return moved, flat
 
 
 def compact(

@@ -11,11 +11,16 @@ from hilbrace.body.body import Body
 from hilbrace.config import DomainSettings
 from hilbrace.domain.flatten import FlatMap, flatten, mirrored
 from hilbrace.domain.limb import Limb, Surface, find_limb, limb_skin
-from hilbrace.domain.region import cut_region, loops_of
+from hilbrace.domain.region import Loops, cut_region, edges_at, loops_of
 from hilbrace.domain.remesh import edge_for, remesh, surface_area
 from hilbrace.domain.seam import Cut, cut_along, find_seam
+from hilbrace.domain.windows import preset_windows
 
 Array = np.ndarray
+
+
+SEAM_AZIMUTH_DEG = {"knee": 180.0, "ankle": 0.0}
+"""Where the seam runs if nothing else is asked for: hidden behind the knee, and clear of the open heel."""
 
 
 @dataclass(frozen=True)
@@ -24,8 +29,7 @@ class RestDomain:
 
     joint: str
     surface: Surface
-    upper_loop: Int[Array, " upper"]
-    lower_loop: Int[Array, " lower"]
+    loops: Loops
     cut: Cut
     flat: FlatMap
 
@@ -34,17 +38,21 @@ def rest_domain(body: Body, settings: DomainSettings) -> RestDomain:
     """The sleeve at rest: region, mesh, seam and flat map, without any motion.
 
     Raises:
+        ConfigError: The settings name what the joint does not have.
         GeometryError: The region is no sleeve, or cannot be meshed or flattened.
     """
-    limb = find_limb(body, settings.side)
+    limb = find_limb(body, settings.joint, settings.side)
     surface = mesh_sleeve(limb_skin(body, limb), limb, settings)
-    upper, lower = loops_of(surface)
-    path = find_seam(surface, limb, upper, lower, settings.seam_azimuth_deg)
+    loops = loops_of(surface, limb)
+    azimuth = settings.seam_azimuth_deg
+    azimuth = SEAM_AZIMUTH_DEG[limb.name] if azimuth is None else azimuth
+    path = find_seam(surface, limb, loops, azimuth)
     cut = cut_along(surface, path)
-    pins = _pins(surface, limb, upper, lower, cut, settings)
-    flat = flatten(surface.vertices, cut, pins, settings.flatten)
-    upper, lower = _in_order(upper, int(path[-1]), surface), _in_order(lower, int(path[0]), surface)
-    return _back(RestDomain(limb.joint, surface, upper, lower, cut, flat), limb)
+    flat = flatten(surface.vertices, cut, _pins(surface, limb, loops, cut, azimuth), settings.flatten)
+    loops = _rightwards(loops, surface)
+    upper, lower = _from_seam(loops.upper, int(path[-1])), _from_seam(loops.lower, int(path[0]))
+    loops = Loops(upper, lower, loops.windows)
+    return _back(RestDomain(limb.joint, surface, loops, cut, flat), limb)
 
 
 def mesh_sleeve(skin: Surface, limb: Limb, settings: DomainSettings) -> Surface:
@@ -53,42 +61,50 @@ def mesh_sleeve(skin: Surface, limb: Limb, settings: DomainSettings) -> Surface:
     Raises:
         GeometryError: The region is no sleeve, or cannot be meshed as wanted.
     """
-    rough = cut_region(skin, limb, settings.above, settings.below, np.inf)
+    ends = edges_at(limb, settings.above, settings.below)
+    rough = cut_region(skin, limb, ends, (), np.inf)
     edge = edge_for(surface_area(rough), settings.triangles)
-    region = cut_region(skin, limb, settings.above, settings.below, edge)
+    region = cut_region(skin, limb, ends, preset_windows(skin, limb), edge)
     return remesh(region, settings.triangles)
 
 
-def _pins(
-    surface: Surface,
-    limb: Limb,
-    upper: Int[Array, " upper"],
-    lower: Int[Array, " lower"],
-    cut: Cut,
-    settings: DomainSettings,
-) -> tuple[int, int]:
+def _pins(surface: Surface, limb: Limb, loops: Loops, cut: Cut, azimuth_deg: float) -> tuple[int, int]:
     """Cut vertices on the lower and upper loop that lie opposite the seam."""
-    turn = limb.azimuth(surface.vertices) - np.radians(settings.seam_azimuth_deg)
+    turn = limb.azimuth(surface.vertices) - np.radians(azimuth_deg)
     opposite = np.cos(turn)
-    vertices = [int(loop[np.argmin(opposite[loop])]) for loop in (lower, upper)]
+    vertices = [int(loop[np.argmin(opposite[loop])]) for loop in (loops.lower, loops.upper)]
     first, second = (int(np.argmax(cut.weld == vertex)) for vertex in vertices)
     return first, second
 
 
-def _in_order(loop: Int[Array, " corner"], first: int, surface: Surface) -> Int[Array, " corner"]:
-    """A loop that starts at the seam and runs the way that u grows, against the azimuth of a right leg."""
-    place = int(np.argmax(loop == first))
-    turned = np.roll(loop, -place)
-    x, _, z = surface.vertices[turned].T
-    area = float((x * np.roll(z, -1) - np.roll(x, -1) * z).sum())
-    return turned if area < 0.0 else np.roll(turned[::-1], 1)
+def _from_seam(loop: Int[Array, " corner"], first: int) -> Int[Array, " corner"]:
+    return np.roll(loop, -int(np.argmax(loop == first)))
+
+
+def _rightwards(loops: Loops, surface: Surface) -> Loops:
+    """Loops that run the way that u grows: to the right, seen from outside with the proximal end up.
+
+    Along the edges of its triangles, the sleeve lies to the left of each loop: above its lower edge, below
+    its upper one. Windows run as the lower edge does.
+    """
+    step = np.stack([surface.triangles, np.roll(surface.triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
+    along = {tuple(pair) for pair in step.tolist()}
+
+    def turned(loop: Int[Array, " corner"], forward: bool) -> Int[Array, " corner"]:
+        follows = (int(loop[0]), int(loop[1])) in along
+        return loop if follows == forward else loop[::-1]
+
+    windows = tuple(turned(window, True) for window in loops.windows)
+    return Loops(turned(loops.upper, False), turned(loops.lower, True), windows)
 
 
 def _back(rest: RestDomain, limb: Limb) -> RestDomain:
     """A sleeve from limb axes into the rest frame; a left one is mirrored with everything on it."""
     surface = Surface(limb.rest_frame(rest.surface.vertices), limb.winding(rest.surface.triangles))
     if limb.side == "right":
-        return RestDomain(rest.joint, surface, rest.upper_loop, rest.lower_loop, rest.cut, rest.flat)
+        return RestDomain(rest.joint, surface, rest.loops, rest.cut, rest.flat)
     cut = Cut(limb.winding(rest.cut.triangles), rest.cut.weld, np.ascontiguousarray(rest.cut.pairs[:, ::-1]))
-    upper, lower = (np.roll(loop[::-1], 1) for loop in (rest.upper_loop, rest.lower_loop))
-    return RestDomain(rest.joint, surface, upper, lower, cut, mirrored(rest.flat))
+    upper, lower, *windows = (
+        np.roll(loop[::-1], 1) for loop in (rest.loops.upper, rest.loops.lower, *rest.loops.windows)
+    )
+    return RestDomain(rest.joint, surface, Loops(upper, lower, tuple(windows)), cut, mirrored(rest.flat))

@@ -1,4 +1,4 @@
-"""The solid bands along both edges of the sleeve."""
+"""The solid bands along the edges of the sleeve and around its windows."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = np.ndarray
 
 
 def rim_band(domain: Domain, width_mm: float) -> RimBand:
-    """Triangles that become solid bands along both loops.
+    """Triangles that become solid bands along both ends of the sleeve and around its windows.
 
     Args:
         domain: The design domain.
@@ -24,7 +24,7 @@ def rim_band(domain: Domain, width_mm: float) -> RimBand:
     Raises:
         GeometryError: The bands leave no room for a pattern.
     """
-    loops = (domain.upper_loop, domain.lower_loop)
+    loops = (domain.upper_loop, domain.lower_loop, *domain.window_loops)
     centres = domain.vertices[domain.triangles].mean(axis=1)
     centre_distance = np.min([loop_distance(centres, domain.vertices[loop]) for loop in loops], axis=0)
     vertex_distance = np.min(

@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from hilbrace.domain.isoline import mesh_edges
 from hilbrace.domain.limb import Limb, Surface
+from hilbrace.domain.region import Loops
 from hilbrace.errors import GeometryError
 
 Array = np.ndarray
@@ -37,11 +38,10 @@ class Cut:
 def find_seam(
     surface: Surface,
     limb: Limb,
-    upper: Int[Array, " upper"],
-    lower: Int[Array, " lower"],
+    loops: Loops,
     azimuth_deg: float,
 ) -> Int[Array, " path"]:
-    """Path of edges from the lower to the upper loop near an azimuth.
+    """Path of edges from the lower to the upper loop near an azimuth, clear of the windows.
 
     Shortest path on the finished mesh, each edge as long as ``length (1 + (distance to the azimuth /
     mean edge)^2)``. Unlike a line embedded before meshing it cannot spoil the mesh and always exists;
@@ -50,19 +50,20 @@ def find_seam(
     Args:
         surface: The sleeve in limb axes [mm].
         limb: Axes of the leg.
-        upper: Vertices of the upper loop.
-        lower: Vertices of the lower loop.
+        loops: Open edges of the sleeve.
         azimuth_deg: 0 anterior, 90 lateral, 180 posterior [deg].
 
     Returns:
         Vertices from the lower to the upper loop; only the ends lie on a loop.
 
     Raises:
-        GeometryError: No path joins the loops.
+        GeometryError: A window lies at the azimuth, or no path joins the loops.
     """
+    _check_windows(surface, limb, loops, azimuth_deg)
     count = len(surface.vertices)
     source, sink = count, count + 1
-    tails, heads, costs = _steps(surface, azimuth_cost(surface, limb, azimuth_deg), upper, lower)
+    upper, lower = loops.upper, loops.lower
+    tails, heads, costs = _steps(surface, azimuth_cost(surface, limb, azimuth_deg), loops)
     tails = np.concatenate([tails, np.full(len(lower), source), upper])
     heads = np.concatenate([heads, lower, np.full(len(upper), sink)])
     costs = np.concatenate([costs, np.full(len(lower) + len(upper), 1e-6)])
@@ -82,13 +83,31 @@ def find_seam(
     return np.array(path[::-1], np.int64)
 
 
+def _check_windows(surface: Surface, limb: Limb, loops: Loops, azimuth_deg: float) -> None:
+    """Refuse an azimuth at which a window lies, within an edge of the mesh."""
+    for window in loops.windows:
+        points = surface.vertices[window]
+        edge = float(np.linalg.norm(np.diff(points, axis=0), axis=1).mean())
+        azimuth = limb.azimuth(points)
+        middle = float(np.angle(np.exp(1j * azimuth).mean()))
+        turn = np.angle(np.exp(1j * (azimuth - middle)))
+        margin = edge / float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
+        low, high = np.degrees([middle + turn.min() - margin, middle + turn.max() + margin])
+        if (azimuth_deg - low) % 360.0 <= high - low:
+            raise GeometryError(
+                f"the seam at {azimuth_deg:g} deg would run through a window of the sleeve",
+                where="domain.seam_azimuth_deg",
+                hint=f"choose an azimuth clear of the window, which spans {low:.0f} to {high:.0f} deg",
+            )
+
+
 def azimuth_cost(surface: Surface, limb: Limb, azimuth_deg: float) -> Float[Array, " vertex"]:
     """Squared distance of each vertex to the seam's azimuth along the skin, in mean edges [-]."""
     edges, _ = mesh_edges(surface.triangles)
     mean_edge = np.linalg.norm(np.diff(surface.vertices[edges], axis=1), axis=-1).mean()
     turn = limb.azimuth(surface.vertices) - np.radians(azimuth_deg)
     turn = (turn + np.pi) % (2.0 * np.pi) - np.pi
-    radius = np.linalg.norm(surface.vertices[:, [0, 2]], axis=1)
+    radius = limb.distance(surface.vertices)
     return (turn * radius / mean_edge) ** 2
 
 
@@ -118,7 +137,8 @@ def cut_along(surface: Surface, path: Int[Array, " path"]) -> Cut:
     _, opened, weld = igl.cut_mesh(np.ascontiguousarray(surface.vertices), triangles, flags)
     opened, weld = np.asarray(opened, np.int64), np.asarray(weld, np.int64).ravel()
     pairs = _pairs(path, opened, left_of, right_of)
-    whole = igl.euler_characteristic(opened) == 1 and len(weld) == len(surface.vertices) + len(path)
+    whole = igl.euler_characteristic(opened) == igl.euler_characteristic(triangles) + 1
+    whole &= len(weld) == len(surface.vertices) + len(path)
     if not whole or (pairs[:, 0] == pairs[:, 1]).any():
         raise GeometryError(
             "the cut along the seam does not open the sleeve into one flat piece",
@@ -131,15 +151,22 @@ def cut_along(surface: Surface, path: Int[Array, " path"]) -> Cut:
 def _steps(
     surface: Surface,
     cost: Float[Array, " vertex"],
-    upper: Int[Array, " upper"],
-    lower: Int[Array, " lower"],
+    loops: Loops,
 ) -> tuple[Int[Array, " step"], Int[Array, " step"], Float[Array, " step"]]:
     """Directed edges that leave the lower loop, run inside, and end on the upper loop."""
     edges, _ = mesh_edges(surface.triangles)
     tails, heads = np.concatenate([edges, edges[:, ::-1]]).T
     place = np.zeros(len(surface.vertices), int)
-    place[lower], place[upper] = -1, 1
-    allowed = (place[heads] >= 0) & (place[tails] <= 0) & ((place[tails] == 0) | (place[heads] == 0))
+    place[loops.lower], place[loops.upper] = -1, 1
+    free = np.ones(len(place), bool)
+    free[np.concatenate([np.zeros(0, np.int64), *loops.windows])] = False
+    allowed = (
+        free[heads]
+        & free[tails]
+        & (place[heads] >= 0)
+        & (place[tails] <= 0)
+        & ((place[tails] == 0) | (place[heads] == 0))
+    )
     tails, heads = tails[allowed], heads[allowed]
     length = np.linalg.norm(surface.vertices[heads] - surface.vertices[tails], axis=1)
     return tails, heads, length * (1.0 + (cost[tails] + cost[heads]) / 2.0)

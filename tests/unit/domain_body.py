@@ -182,7 +182,13 @@ def sleeve(radius_low, radius_high, height, around=24, along=12, uneven=0.0):
 def upright_limb() -> Limb:
     """A leg along the y axis."""
     return Limb(
-        "right", np.array([0.0, 400.0, 0.0]), np.array([0.0, -400.0, 0.0]), np.full(3, -200.0), np.zeros(3)
+        name="knee",
+        side="right",
+        upper=np.array([0.0, 400.0, 0.0]),
+        lower=np.array([0.0, -400.0, 0.0]),
+        distal=np.array([0.0, -1.0, 0.0]),
+        other=np.full(3, -200.0),
+        centre_m=np.zeros(3),
     )
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from hilbrace.domain.frames import MAX_FRAMES, choose_frames, frames_of, pose_in_tibia, to_bone
+from hilbrace.domain.frames import MAX_FRAMES, choose_frames, frames_of, pose_in_distal, to_bone
 from hilbrace.errors import ConfigError, GeometryError, InputError
 from tests.unit.domain_body import KNEE, LEFT, bending, synthetic_body
 
@@ -75,7 +75,7 @@ def test_whole_body_motion_leaves_the_domain_at_rest(side):
     names = ("pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz")
     values = draw.uniform(-1.0, 1.0, size=(6, len(names)))
     rest = np.array([[60.0, 20.0, 0.0], [-50.0, -60.0, 10.0], [0.0, 0.0, 55.0]])
-    posed = pose_in_tibia(rest, f"knee_{letter}", body, names, values)
+    posed = pose_in_distal(rest, f"knee_{letter}", body, names, values)
     assert np.allclose(posed, rest, atol=1e-9)
 
 
@@ -86,7 +86,7 @@ def test_seen_from_the_tibia_the_thigh_swings_back_in_flexion(side):
     joint = f"knee_{side[0]}"
     rest = np.array([[0.0, 250.0, 0.0], [0.0, -250.0, 0.0]])
     loads = bending(body, [0.0, 90.0], side)
-    posed = pose_in_tibia(rest, joint, body, loads.coordinate_names, loads.coordinates)
+    posed = pose_in_distal(rest, joint, body, loads.coordinate_names, loads.coordinates)
     assert np.allclose(posed[0], rest, atol=1e-6)
     # 30 mm: the thigh's point lies in skin that is not the femur's alone, and the knee's axis rolls.
     assert np.allclose(posed[1, 0], [-250.0, 0.0, 0.0], atol=30.0)
@@ -101,7 +101,7 @@ def test_a_body_without_the_tibia_is_refused():
     renamed = tuple("femur_l" if name == "tibia_l" else name for name in body.bones)
     loads = bending(body, [0.0])
     with pytest.raises(GeometryError, match="tibia_l"):
-        pose_in_tibia(
+        pose_in_distal(
             np.zeros((1, 3)),
             "knee_l",
             dataclasses.replace(body, bones=renamed),

@@ -10,16 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hilbrace.domain.limb import Surface, find_limb, limb_skin
-from hilbrace.domain.region import cut_region, loops_of
+from hilbrace.domain.region import cut_region, edges_at, loops_of
 from hilbrace.errors import GeometryError
-from tests.unit.domain_body import HIP, KNEE, mirrored_body, synthetic_body
+from tests.unit.domain_body import HIP, KNEE, mirrored_body, synthetic_body, upright_limb
 
 EDGE = 12.0
 
 
-def region_of(body, side="right", above=0.4, below=0.38, edge=EDGE):
-    limb = find_limb(body, side)
-    return limb, cut_region(limb_skin(body, limb), limb, above, below, edge)
+def region_of(body, side="right", above=0.4, below=0.38, edge=EDGE, joint="knee"):
+    limb = find_limb(body, joint, side)
+    return limb, cut_region(limb_skin(body, limb), limb, edges_at(limb, above, below), (), edge)
 
 
 def refuse(body, *words, **places):
@@ -35,19 +35,21 @@ def refuse(body, *words, **places):
 @given(above=st.floats(0.12, 0.7), below=st.floats(0.12, 0.75), side=st.sampled_from(["left", "right"]))
 def test_the_region_is_a_sleeve_with_planar_edges_across_the_segments(above, below, side):
     limb, region = region_of(synthetic_body(), side, above, below)
-    upper, lower = loops_of(region)
+    loops = loops_of(region, limb)
+    upper, lower = loops.upper, loops.lower
+    assert not loops.windows
     assert igl.euler_characteristic(region.triangles) == 0
-    along = region.vertices[upper] @ limb.hip / np.linalg.norm(limb.hip)
-    assert np.allclose(along, above * np.linalg.norm(limb.hip), atol=1e-9)
-    along = region.vertices[lower] @ limb.ankle / np.linalg.norm(limb.ankle)
-    assert np.allclose(along, below * np.linalg.norm(limb.ankle), atol=1e-9)
+    along = region.vertices[upper] @ limb.upper / np.linalg.norm(limb.upper)
+    assert np.allclose(along, above * np.linalg.norm(limb.upper), atol=1e-9)
+    along = region.vertices[lower] @ limb.lower / np.linalg.norm(limb.lower)
+    assert np.allclose(along, below * np.linalg.norm(limb.lower), atol=1e-9)
 
 
 def test_coarse_skin_is_refined_and_fine_skin_is_not():
     _, coarse = region_of(synthetic_body(), edge=30.0)
     _, fine = region_of(synthetic_body(), edge=8.0)
     assert len(fine.triangles) > 3.5 * len(coarse.triangles)
-    skin = limb_skin(synthetic_body(), find_limb(synthetic_body(), "right"))
+    skin = limb_skin(synthetic_body(), find_limb(synthetic_body(), "knee", "right"))
     squared, *_ = igl.point_mesh_squared_distance(fine.vertices, skin.vertices, skin.triangles)
     assert np.sqrt(np.max(squared)) < 2.0
 
@@ -63,8 +65,8 @@ def test_the_left_leg_is_seen_as_a_right_one():
 def test_azimuth_is_anterior_lateral_posterior_medial_on_both_sides():
     body = synthetic_body()
     for side, lateral in (("right", 0.05), ("left", -0.05)):
-        limb = find_limb(body, side)
-        around = np.array([[0.05, 0, 0], [0, 0, lateral], [-0.05, 0, 1e-9], [0, 0, -lateral]]) + limb.knee_m
+        limb = find_limb(body, "knee", side)
+        around = np.array([[0.05, 0, 0], [0, 0, lateral], [-0.05, 0, 1e-9], [0, 0, -lateral]]) + limb.centre_m
         azimuth = limb.azimuth(limb.inwards(around))
         assert np.allclose(np.cos(azimuth), [1.0, 0.0, -1.0, 0.0], atol=1e-6)
         assert np.allclose(np.sin(azimuth), [0.0, 1.0, 0.0, -1.0], atol=1e-6)
@@ -131,12 +133,12 @@ def test_a_body_without_a_joint_or_upside_down_is_refused():
         body, joint_names=body.joint_names[:-1], joint_centres=body.joint_centres[:-1]
     )
     with pytest.raises(GeometryError, match="ankle_l"):
-        find_limb(short, "left")
+        find_limb(short, "knee", "left")
     with pytest.raises(GeometryError, match="make no leg"):
-        find_limb(dataclasses.replace(body, joint_centres=-body.joint_centres), "left")
+        find_limb(dataclasses.replace(body, joint_centres=-body.joint_centres), "knee", "left")
 
 
 def test_a_closed_surface_has_no_loops():
     ball = trimesh.creation.icosphere(subdivisions=1)
-    with pytest.raises(GeometryError, match="2 edges, this surface has 0"):
-        loops_of(Surface(np.array(ball.vertices), np.array(ball.faces, np.int64)))
+    with pytest.raises(GeometryError, match="this surface has 0"):
+        loops_of(Surface(np.array(ball.vertices), np.array(ball.faces, np.int64)), upright_limb())

@@ -10,7 +10,7 @@ from hilbrace.domain.limb import Surface
 from hilbrace.domain.region import loops_of
 from hilbrace.domain.remesh import TOLERANCE, edge_for, mesh_quality, remesh, surface_area
 from hilbrace.errors import GeometryError
-from tests.unit.domain_body import outwardness, sleeve
+from tests.unit.domain_body import outwardness, sleeve, upright_limb
 
 
 def test_quality_of_equilateral_triangles():
@@ -45,8 +45,8 @@ def test_the_count_is_met_with_even_triangles_and_the_shape_is_kept(count, low, 
 
 def test_the_edges_stay_where_they_are():
     mesh = remesh(Surface(*sleeve(55.0, 75.0, 280.0, around=96, along=60)), 3000)
-    upper, lower = loops_of(mesh)
-    for loop, radius, height in ((upper, 75.0, 280.0), (lower, 55.0, 0.0)):
+    loops = loops_of(mesh, upright_limb())
+    for loop, radius, height in ((loops.upper, 75.0, 280.0), (loops.lower, 55.0, 0.0)):
         points = mesh.vertices[loop]
         assert np.allclose(points[:, 1], height, atol=1e-6)
         assert np.abs(np.linalg.norm(points[:, [0, 2]], axis=1) - radius).max() < 0.1

@@ -10,18 +10,18 @@ from hilbrace.domain.limb import Surface
 from hilbrace.domain.region import loops_of
 from hilbrace.domain.rim import loop_distance, rim_band
 from hilbrace.errors import GeometryError
-from tests.unit.domain_body import sleeve
+from tests.unit.domain_body import sleeve, upright_limb
 
 
 def cylinder_domain(height=200.0):
     vertices, triangles = sleeve(60.0, 60.0, height, around=48, along=40)
-    upper, lower = loops_of(Surface(vertices, triangles))
+    loops = loops_of(Surface(vertices, triangles), upright_limb())
     return Domain(
         joint="knee_l",
         vertices=vertices,
         triangles=triangles,
-        upper_loop=upper,
-        lower_loop=lower,
+        upper_loop=loops.upper,
+        lower_loop=loops.lower,
         cut_triangles=triangles,
         weld=np.arange(len(vertices)),
         uv=np.zeros((len(vertices), 2)),

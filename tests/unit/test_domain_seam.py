@@ -18,14 +18,14 @@ EVEN = remesh(Surface(*sleeve(55.0, 75.0, 280.0, around=96, along=60)), 2000)
 
 
 def seam_at(surface, azimuth):
-    upper, lower = loops_of(surface)
-    return find_seam(surface, LIMB, upper, lower, azimuth)
+    return find_seam(surface, LIMB, loops_of(surface, LIMB), azimuth)
 
 
 @settings(max_examples=20, deadline=None)
 @given(azimuth=st.floats(-360.0, 360.0))
 def test_the_seam_runs_from_loop_to_loop_near_its_azimuth(azimuth):
-    upper, lower = loops_of(EVEN)
+    loops = loops_of(EVEN, LIMB)
+    upper, lower = loops.upper, loops.lower
     path = seam_at(EVEN, azimuth)
     assert path[0] in lower
     assert path[-1] in upper

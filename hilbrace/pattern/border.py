@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from hilbrace.pattern.clip import ZeroLine
 from hilbrace.pattern.refine import RefinedSkin
+from hilbrace.pattern.zone import EVERYWHERE, Zone
 
 Array = np.ndarray
 
@@ -23,24 +25,36 @@ _FACING = 0.9
 
 @dataclass(frozen=True)
 class Border:
-    """Every line that bounds the struts: around the holes, and the two loops of the brace.
+    """Every line that bounds the struts: around the holes, and the brace's own edges.
 
     Attributes:
         start: Beginnings of the segments [mm].
         end: Ends; the solid lies on the left seen from outside [mm].
         inward: Unit normals in the skin, from the middle of the segment into the solid [-].
-        hole: Hole that each segment bounds; the last two numbers are the outside of the loops.
+        hole: Hole that each segment bounds; numbers from ``holes`` on stand for the outside of the brace.
+        holes: How many holes the pattern has.
     """
 
     start: Float[Array, "segment 3"]
     end: Float[Array, "segment 3"]
     inward: Float[Array, "segment 3"]
     hole: Int[Array, " segment"]
+    holes: int
 
-    @property
+    @cached_property
     def middle(self) -> Float[Array, "segment 3"]:
         """Middles of the segments [mm]."""
         return (self.start + self.end) / 2
+
+    @property
+    def outside(self) -> Bool[Array, " segment"]:
+        """Segments on the brace's own edges."""
+        return self.hole >= self.holes
+
+    @cached_property
+    def tree(self) -> KDTree:
+        """Search tree of the middles."""
+        return KDTree(self.middle)
 
     def nearest(
         self, points: Float[Array, "point 3"]
@@ -51,7 +65,7 @@ class Border:
             Distances [mm], segments, and the places themselves [mm].
         """
         count = min(4, len(self.start))
-        near = np.asarray(KDTree(self.middle).query(points, k=count)[1]).reshape(len(points), -1)
+        near = np.asarray(self.tree.query(points, k=count, workers=-1)[1]).reshape(len(points), -1)
         foot = _foot(points[:, None], self.start[near], self.end[near])
         distance = np.linalg.norm(points[:, None] - foot, axis=2)
         best = distance.argmin(axis=1)
@@ -82,7 +96,6 @@ def border(skin: RefinedSkin, line: ZeroLine, hole: Int[Array, " vertex"]) -> Bo
     ends = line.points[line.segments]
     loops = skin.vertices[skin.loop_edges]
     holes = int(hole.max(initial=-1)) + 1
-    sides = np.where(np.arange(len(loops)) < skin.upper_edges, holes, holes + 1)
     face = np.concatenate(
         [skin.normals[skin.triangles[line.triangle, 0]], skin.normals[skin.loop_edges[:, 0]]]
     )
@@ -95,51 +108,52 @@ def border(skin: RefinedSkin, line: ZeroLine, hole: Int[Array, " vertex"]) -> Bo
         start=start[keep],
         end=end[keep],
         inward=inward[keep] / length[keep, None],
-        hole=np.concatenate([hole[line.outer[line.segments[:, 0]]], sides])[keep],
+        hole=np.concatenate([hole[line.outer[line.segments[:, 0]]], holes + skin.loop])[keep],
+        holes=holes,
     )
 
 
-def strut_widths(edge: Border, reach_mm: float) -> Float[Array, " segment"]:
+def strut_widths(edge: Border, reach_mm: float, zone: Zone = EVERYWHERE) -> Float[Array, " segment"]:
     """Width of the strut at each segment of the border [mm]: to the nearest place that faces it.
 
     Args:
         edge: The border.
         reach_mm: Widths are looked for up to this one; wider places are given it.
+        zone: Where widths are wanted; elsewhere they are given ``reach_mm`` too.
     """
-    return _facing_distance(edge, edge.inward, reach_mm)
+    return _facing_distance(edge, edge.inward, reach_mm, zone)
 
 
-def slit_widths(edge: Border, reach_mm: float) -> Float[Array, " segment"]:
+def slit_widths(edge: Border, reach_mm: float, zone: Zone = EVERYWHERE) -> Float[Array, " segment"]:
     """Width of the hole at each segment of the border [mm], as `strut_widths` on the other side."""
-    return _facing_distance(edge, -edge.inward, reach_mm)
+    width = _facing_distance(edge, -edge.inward, reach_mm, zone)
+    return np.where(edge.outside, reach_mm, width)
 
 
-def _facing_distance(edge: Border, normal: Float[Array, "segment 3"], reach_mm: float) -> Array:
-    middle = edge.middle
-    count = min(_NEIGHBOURS, len(middle))
-    _, near = KDTree(middle).query(middle, k=count, distance_upper_bound=reach_mm)
-    known = near < len(middle)
-    near = np.where(known, near, 0)
-    place, other = np.nonzero(known & (_cosine(middle, near, normal) > _NEAR_FACING))
-    other = near[place, other]
-    away = _foot(middle[place], edge.start[other], edge.end[other]) - middle[place]
+def _facing_distance(edge: Border, normal: Float[Array, "segment 3"], reach_mm: float, zone: Zone) -> Array:
+    asked = np.flatnonzero(zone.holds(edge.middle))
+    width = np.full(len(edge.middle), reach_mm)
+    if not len(asked):
+        return width
+    count = min(_NEIGHBOURS, len(edge.middle))
+    _, near = edge.tree.query(edge.middle[asked], k=count, distance_upper_bound=reach_mm, workers=-1)
+    place, column = np.nonzero(near < len(width))
+    place, other = asked[place], near[place, column]
+    away = edge.middle[other] - edge.middle[place]
+    ahead = np.einsum("px,px->p", away, normal[place])
+    likely = ahead > _NEAR_FACING * np.sqrt(np.einsum("px,px->p", away, away))
+    place, other = place[likely], other[likely]
+    away = _foot(edge.middle[place], edge.start[other], edge.end[other]) - edge.middle[place]
     distance = np.linalg.norm(away, axis=1)
-    ahead = (away * normal[place]).sum(axis=1) > _FACING * distance
-    behind = -(away * normal[other]).sum(axis=1) > _FACING * distance
-    facing = ahead & behind & (distance > 0)
-    width = np.full(len(middle), reach_mm)
+    facing = np.einsum("px,px->p", away, normal[place]) > _FACING * distance
+    facing &= np.einsum("px,px->p", away, normal[other]) < -_FACING * distance
+    facing &= distance > 0
     np.minimum.at(width, place[facing], distance[facing])
     return width
 
 
-def _cosine(middle: Array, near: Array, normal: Array) -> Array:
-    """Cosine between the normal of each place and the direction to each of its neighbours."""
-    away = middle[near] - middle[:, None]
-    ahead = np.einsum("pnx,px->pn", away, normal)
-    return ahead / np.maximum(np.sqrt(np.einsum("pnx,pnx->pn", away, away)), 1e-30)
-
-
 def _foot(point: Array, start: Array, end: Array) -> Array:
     along = end - start
-    t = ((point - start) * along).sum(axis=-1) / np.maximum((along**2).sum(axis=-1), 1e-30)
+    ahead = np.einsum("...x,...x->...", point - start, along)
+    t = ahead / np.maximum(np.einsum("...x,...x->...", along, along), 1e-30)
     return start + np.clip(t, 0, 1)[..., None] * along

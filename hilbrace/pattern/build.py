@@ -8,28 +8,20 @@ from jaxtyping import Float
 from hilbrace.config import MaterialSettings, PatternSettings, SolidSettings
 from hilbrace.domain.domain import Domain
 from hilbrace.optimize.design import Design
-from hilbrace.pattern.border import Border, border, hole_numbers, strut_widths
+from hilbrace.pattern.border import strut_widths
 from hilbrace.pattern.checks import is_watertight, measured_thickness, part_count, spread_sample
-from hilbrace.pattern.clean import clean, drop_islands, mend, trim_needles
-from hilbrace.pattern.clip import ZeroLine, cut_out, solid_fraction, triangle_areas, zero_line
-from hilbrace.pattern.implicit import BlendedPattern, blended_pattern
+from hilbrace.pattern.clip import cut_out, triangle_areas
+from hilbrace.pattern.implicit import blended_pattern
+from hilbrace.pattern.level import levelled
+from hilbrace.pattern.mend import mended
 from hilbrace.pattern.pattern import Pattern, Solid
-from hilbrace.pattern.refine import RefinedSkin, refine, vertex_normals
+from hilbrace.pattern.refine import refine, vertex_normals
 from hilbrace.pattern.thicken import border_edges, folded_triangles, manifold, simplify, surface, thicken
 
 Array = np.ndarray
 
-STRUT_MARGIN = 1.02
-"""Least width that struts are widened to, over the configured one [-]: room for the mesh's error."""
 FINEST_STRUT = 0.55
 """Longest mean edge of the refined skin, as a share of the least strut width: no edge jumps a strut [-]."""
-FRACTION_TOLERANCE = 0.003
-"""Difference between the pattern's area fraction and the design's at which the level is right [-]."""
-LEVEL_LIMIT = 0.05
-"""Largest constant added to the half width [cell sides]."""
-NEEDLE = 0.3
-"""Struts were widened to the least width before: what is still below this share of it is a needle [-]."""
-_ROUNDS = 6
 _REACH = 4.0
 _RAYS = 1000
 
@@ -55,30 +47,19 @@ def build_pattern(
     skin = refine(domain, min(settings.resolution_mm, FINEST_STRUT * settings.min_strut_mm))
     areas = triangle_areas(skin.vertices, skin.triangles)
     blended = blended_pattern(domain, design, skin, settings, material or MaterialSettings.model_validate({}))
-    share = design_fraction(domain, design)
-    depth, shift, dropped = _level(skin, blended, areas, share, settings)
-    line = zero_line(skin, depth)
-    edge, widths = _measured(skin, line, settings.min_strut_mm)
-    for extra in range(1, _ROUNDS + 1):
-        narrow = edge.middle[widths < settings.min_strut_mm]
-        if not len(narrow):
-            break
-        needles = edge.middle[widths < NEEDLE * settings.min_strut_mm]
-        if len(needles):
-            line = zero_line(skin, trim_needles(skin, line, needles, settings.min_strut_mm / 2))
-        wider = (STRUT_MARGIN + 0.03 * extra) * settings.min_strut_mm
-        line = zero_line(skin, mend(skin, line, blended.rim_depth, narrow, wider))
-        edge, widths = _measured(skin, line, settings.min_strut_mm)
-    struts = cut_out(skin, line)
+    level = levelled(skin, blended, areas, design_fraction(domain, design), settings)
+    done = mended(skin, level.depth, blended.rim_depth, areas, settings.min_strut_mm, settings.min_slit_mm)
+    struts = cut_out(skin, done.line)
     return Pattern(
         vertices=struts.vertices,
         normals=struts.normals,
         triangles=struts.triangles,
-        strut_width_min_mm=float(widths.min()),
-        strut_width_median_mm=float(np.median(widths)),
-        islands_dropped=dropped,
+        strut_width_min_mm=done.strut_mm,
+        strut_width_median_mm=float(np.median(strut_widths(done.edge, _REACH * settings.min_strut_mm))),
+        slit_width_min_mm=done.slit_mm,
+        islands_dropped=level.islands + done.islands,
         area_fraction=float(triangle_areas(struts.vertices, struts.triangles).sum() / areas.sum()),
-        level_shift=shift,
+        level_shift=level.shift,
     )
 
 
@@ -137,53 +118,3 @@ def expected_volume(domain: Domain, design: Design, thickness_mm: float) -> floa
 
 def _filled(design: Design) -> Float[Array, " triangle"]:
     return np.where(design.rim, 1.0, design.volume_fraction_triangle)
-
-
-def _measured(skin: RefinedSkin, line: ZeroLine, strut_mm: float) -> tuple[Border, Float[Array, " segment"]]:
-    """The pattern's border, and the strut width at each of its segments [mm]."""
-    edge = border(skin, line, hole_numbers(skin, line))
-    return edge, strut_widths(edge, _REACH * strut_mm)
-
-
-def _level(
-    skin: RefinedSkin,
-    blended: BlendedPattern,
-    areas: Float[Array, " triangle"],
-    share: float,
-    settings: PatternSettings,
-) -> tuple[Float[Array, " vertex"], float, int]:
-    """Clean pattern whose area share is the design's: its depth, the level shift, the islands dropped."""
-    best = (np.inf, np.zeros(0), 0.0, 0)
-    aims, errors = [share], [0.0]
-    for _ in range(_ROUNDS):
-        shift = _shift_for(skin, blended, areas, aims[-1])
-        depth = clean(
-            skin,
-            blended.depth(shift),
-            blended.rim_depth,
-            areas,
-            STRUT_MARGIN * settings.min_strut_mm,
-            settings.min_slit_mm,
-        )
-        depth, dropped = drop_islands(skin, depth, areas)
-        errors[-1] = solid_fraction(skin, depth, areas) - share
-        if abs(errors[-1]) < best[0]:
-            best = (abs(errors[-1]), depth, shift, dropped)
-        if best[0] <= FRACTION_TOLERANCE or abs(shift) >= 0.99 * LEVEL_LIMIT:
-            break
-        slope = 1.0 if len(aims) == 1 else (errors[-1] - errors[-2]) / (aims[-1] - aims[-2])
-        aims.append(aims[-1] - errors[-1] / np.clip(slope, 0.5, 4.0))
-        errors.append(0.0)
-    return best[1], best[2], best[3]
-
-
-def _shift_for(
-    skin: RefinedSkin, blended: BlendedPattern, areas: Float[Array, " triangle"], share: float
-) -> float:
-    """Level shift at which the pattern, before any clean-up, covers ``share`` of the skin (bisection)."""
-    low, high = -LEVEL_LIMIT, LEVEL_LIMIT
-    for _ in range(20):
-        middle = (low + high) / 2
-        covered = solid_fraction(skin, blended.depth(middle), areas)
-        low, high = (middle, high) if covered < share else (low, middle)
-    return (low + high) / 2

@@ -10,8 +10,6 @@ widths are accurate well below the length of a mesh edge.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
@@ -19,9 +17,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from hilbrace.errors import GeometryError
+from hilbrace.pattern.axis import StrutAxis, strut_axis
 from hilbrace.pattern.border import border, hole_numbers
 from hilbrace.pattern.clip import ZeroLine, zero_line
 from hilbrace.pattern.refine import RefinedSkin
+from hilbrace.pattern.zone import EVERYWHERE, Zone
 
 Array = np.ndarray
 
@@ -35,23 +35,6 @@ MOVED_MM = 0.3
 """Distance from the border above which a vertex that changes sides is a sign of more than widening [mm]."""
 ROLL_TOLERANCE_MM = 0.05
 """How far the border may reach into the disc that closes slits [mm]."""
-_STEPS = np.array([0.25, 0.75])
-"""Where points of the axis lie between the middle of a triangle and where the axis leaves it [-]."""
-NEEDLE_MM = 0.1
-"""A needle's tip lies no deeper in the solid, or in the hole, than this [mm]."""
-
-
-@dataclass(frozen=True)
-class StrutAxis:
-    """Points along the middle of the struts that run between two different holes.
-
-    Attributes:
-        points: Positions [mm].
-        radius: Distance to the border [mm].
-    """
-
-    points: Float[Array, "point 3"]
-    radius: Float[Array, " point"]
 
 
 def clean(
@@ -88,58 +71,6 @@ def clean(
     return fill_specks(skin, zero_line(skin, depth), areas, slit_mm)
 
 
-def mend(
-    skin: RefinedSkin,
-    line: ZeroLine,
-    rim_depth: Float[Array, " vertex"],
-    narrow: Float[Array, "place 3"],
-    strut_mm: float,
-) -> Float[Array, " vertex"]:
-    """Widen struts and cut spurs about the places that were measured as too narrow.
-
-    Args:
-        skin: The refined skin.
-        line: Zero line of the cleaned pattern.
-        rim_depth: Depth inside the solid bands, which stay [mm].
-        narrow: Places on the border [mm].
-        strut_mm: Width to give the struts there [mm].
-
-    Returns:
-        The new depth at the vertices [mm].
-    """
-    axis, places = strut_axis(skin, line), KDTree(narrow)
-    near = np.isfinite(places.query(skin.vertices, distance_upper_bound=2 * strut_mm)[0])
-    close = np.isfinite(places.query(axis.points, distance_upper_bound=strut_mm)[0])
-    shaved = shave_bumps(skin, line, rim_depth, BUMP * strut_mm)
-    depth = np.where(near, shaved, line.depth)
-    return widen(skin, depth, StrutAxis(axis.points[close], axis.radius[close]), strut_mm)
-
-
-def trim_needles(
-    skin: RefinedSkin, line: ZeroLine, narrow: Float[Array, "place 3"], reach_mm: float
-) -> Float[Array, " vertex"]:
-    """Blunt needles: vertices near zero draw the border out to a point, unlike all around them.
-
-    Such a vertex takes the mean depth of its neighbours, which for a straight border is the depth it should
-    have.
-
-    Args:
-        skin: The refined skin.
-        line: Zero line of the pattern.
-        narrow: Places on needles [mm].
-        reach_mm: How far from these places a needle's tip may be [mm].
-
-    Returns:
-        The new depth at the vertices [mm].
-    """
-    near = np.isfinite(KDTree(narrow).query(skin.vertices, distance_upper_bound=reach_mm)[0])
-    tip = near & (np.abs(line.depth) < NEEDLE_MM)
-    ends = np.concatenate([skin.edges, skin.edges[:, ::-1]])
-    count = np.bincount(ends[:, 0], minlength=len(tip))
-    mean = np.bincount(ends[:, 0], line.depth[ends[:, 1]], minlength=len(tip)) / count
-    return np.where(tip, mean, line.depth)
-
-
 def widen_and_prune(
     skin: RefinedSkin, line: ZeroLine, rim_depth: Float[Array, " vertex"], strut_mm: float
 ) -> Float[Array, " vertex"]:
@@ -160,7 +91,7 @@ def widen_and_prune(
     radius = np.maximum(axis.radius, strut_mm / 2) + STUB_MM
     depth = widen(skin, line.depth, axis, strut_mm)
     solid = depth > 0
-    distance, near = KDTree(axis.points).query(skin.vertices[solid])
+    distance, near = KDTree(axis.points).query(skin.vertices[solid], workers=-1)
     reached = np.full(len(depth), np.inf)
     reached[solid] = radius[near] - distance
     doubtful = solid & (reached < 2 * skin.edge_mm)
@@ -178,32 +109,51 @@ def widen(
     """
     if not len(axis.points):
         return depth
-    distance = KDTree(axis.points).query(skin.vertices, distance_upper_bound=strut_mm)[0]
+    distance = KDTree(axis.points).query(skin.vertices, distance_upper_bound=strut_mm, workers=-1)[0]
     return np.maximum(depth, strut_mm / 2 - distance)
 
 
-def close_slits(skin: RefinedSkin, line: ZeroLine, slit_mm: float) -> Float[Array, " vertex"]:
+def close_slits(
+    skin: RefinedSkin, line: ZeroLine, slit_mm: float, zone: Zone = EVERYWHERE
+) -> Float[Array, " vertex"]:
     """Fill what a disc of diameter ``slit_mm`` rolling inside the holes does not reach.
+
+    Args:
+        skin: The refined skin.
+        line: Zero line of the pattern.
+        slit_mm: Least width of a slit [mm].
+        zone: Where slits are closed.
 
     Returns:
         The new depth at the vertices [mm].
     """
     depth = line.depth.copy()
-    vertices, unreached = _out_of_reach(skin, line, slit_mm / 2, -1.0)
+    vertices, unreached = _out_of_reach(skin, line, slit_mm / 2, -1.0, zone)
     depth[vertices] = np.maximum(depth[vertices], unreached)
     return depth
 
 
 def shave_bumps(
-    skin: RefinedSkin, line: ZeroLine, rim_depth: Float[Array, " vertex"], disc_mm: float
+    skin: RefinedSkin,
+    line: ZeroLine,
+    rim_depth: Float[Array, " vertex"],
+    disc_mm: float,
+    zone: Zone = EVERYWHERE,
 ) -> Float[Array, " vertex"]:
     """Cut off what a disc of diameter ``disc_mm`` rolling inside the struts does not reach.
+
+    Args:
+        skin: The refined skin.
+        line: Zero line of the pattern.
+        rim_depth: Depth inside the solid bands, which stay [mm].
+        disc_mm: Diameter of the disc [mm].
+        zone: Where bumps are cut off.
 
     Returns:
         The new depth at the vertices [mm]; the solid bands stay.
     """
     depth = line.depth.copy()
-    vertices, unreached = _out_of_reach(skin, line, disc_mm / 2, 1.0)
+    vertices, unreached = _out_of_reach(skin, line, disc_mm / 2, 1.0, zone)
     depth[vertices] = np.minimum(depth[vertices], -unreached)
     return np.maximum(depth, rim_depth)
 
@@ -261,24 +211,6 @@ def fill_specks(
     return np.where(speck, -line.depth, line.depth)
 
 
-def strut_axis(skin: RefinedSkin, line: ZeroLine) -> StrutAxis:
-    """Find where two different holes are equally near (a hole's outside loop counts as one)."""
-    hole = hole_numbers(skin, line)
-    edge = border(skin, line, hole)
-    near_line = np.zeros(len(skin.vertices), dtype=bool)
-    near_line[skin.triangles[line.triangle]] = True
-    asked = np.flatnonzero((line.depth > 0) | near_line)
-    foot = np.zeros_like(skin.vertices)
-    _, segment, foot[asked] = edge.nearest(skin.vertices[asked])
-    nearest_hole = np.where(line.depth > 0, -1, hole)
-    solid = line.depth[asked] > 0
-    nearest_hole[asked[solid]] = edge.hole[segment[solid]]
-    points = _equidistant_segments(skin, nearest_hole, foot)
-    if not len(points):
-        return StrutAxis(np.zeros((0, 3)), np.zeros(0))
-    return StrutAxis(points, edge.nearest(points)[0])
-
-
 def depth_in_balls(
     points: Float[Array, "point 3"], centres: Float[Array, "ball 3"], radius: Float[Array, " ball"]
 ) -> Float[Array, " point"]:
@@ -294,7 +226,7 @@ def depth_in_balls(
     """
     lift = np.sqrt(radius.max() ** 2 - radius**2)
     lifted = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
-    _, ball = KDTree(np.concatenate([centres, lift[:, None]], axis=1)).query(lifted)
+    _, ball = KDTree(np.concatenate([centres, lift[:, None]], axis=1)).query(lifted, workers=-1)
     return radius[ball] - np.linalg.norm(points - centres[ball], axis=1)
 
 
@@ -333,11 +265,12 @@ def drop_islands(
 
 
 def _out_of_reach(
-    skin: RefinedSkin, line: ZeroLine, radius: float, side: float
+    skin: RefinedSkin, line: ZeroLine, radius: float, side: float, zone: Zone
 ) -> tuple[Int[Array, " near"], Float[Array, " near"]]:
     """Vertices near the border that no disc rolling along one side of it may cover.
 
-    A disc touching the border at a place is free if the border does not reach into it. Free discs and what
+    A disc touching the border at a place is free if the border does not reach into it, and if its centre is
+    still on the side where it rolls and not beyond what lies opposite. Free discs and what
     lies deeper than they do make up what rolling reaches.
 
     Args:
@@ -345,6 +278,7 @@ def _out_of_reach(
         line: Zero line of the pattern.
         radius: Radius of the disc [mm].
         side: 1 to roll inside the struts, -1 inside the holes.
+        zone: Where vertices are looked at.
 
     Returns:
         Vertices on that side whose nearest disc is not free, and how far each lies from the nearest free
@@ -353,36 +287,23 @@ def _out_of_reach(
     if radius == 0:
         return np.zeros(0, dtype=np.intp), np.zeros(0)
     edge = border(skin, line, hole_numbers(skin, line))
-    outside = edge.hole >= edge.hole.max() - 1
-    places = np.concatenate([edge.start + t * (edge.end - edge.start) for t in (0.25, 0.75)])
-    centres = places + side * radius * np.concatenate([edge.inward, edge.inward])
-    free = edge.nearest(centres)[0] >= radius - ROLL_TOLERANCE_MM
-    free &= (side > 0) | ~np.concatenate([outside, outside])
-
     there = np.flatnonzero(line.depth * side > 0)
-    distance, place = KDTree(places).query(skin.vertices[there])
-    near = there[(distance < 4 * radius) & ~free[place]]
+    there = there[zone.holds(skin.vertices[there])]
+    used = np.flatnonzero(zone.grown(4 * radius).holds(edge.middle))
+    if not len(used):
+        return np.zeros(0, dtype=np.intp), np.zeros(0)
+    start, along = edge.start[used], edge.end[used] - edge.start[used]
+    places = np.concatenate([start + t * along for t in (0.25, 0.75)])
+    centres = places + side * radius * np.tile(edge.inward[used], (2, 1))
+    distance, segment, foot = edge.nearest(centres)
+    free = distance >= radius - ROLL_TOLERANCE_MM
+    free &= side * np.einsum("px,px->p", centres - foot, edge.inward[segment]) > 0
+    free &= (side > 0) | ~np.tile(edge.outside[used], 2)
+    distance, place = KDTree(places).query(skin.vertices[there], distance_upper_bound=4 * radius, workers=-1)
+    doubtful = np.isfinite(distance)
+    doubtful[doubtful] = ~free[place[doubtful]]
+    near = there[doubtful]
     if not len(near) or not free.any():
         return near, np.full(len(near), radius)
-    unreached = KDTree(centres[free]).query(skin.vertices[near])[0] - radius
+    unreached = KDTree(centres[free]).query(skin.vertices[near], workers=-1)[0] - radius
     return near, np.minimum(unreached, radius)
-
-
-def _equidistant_segments(
-    skin: RefinedSkin, nearest_hole: Int[Array, " vertex"], foot: Float[Array, "vertex 3"]
-) -> Float[Array, "point 3"]:
-    """Points on the lines where the nearest hole changes, inside every triangle that they cross."""
-    sides = skin.triangles[:, [[0, 1], [1, 2], [2, 0]]]
-    differs = nearest_hole[sides[..., 0]] != nearest_hole[sides[..., 1]]
-    crossed = differs.any(axis=1)
-    sides, differs = sides[crossed], differs[crossed]
-    a, b = sides[..., 0], sides[..., 1]
-    x, y = skin.vertices[a], skin.vertices[b]
-    at_a = ((x - foot[a]) ** 2).sum(-1) - ((x - foot[b]) ** 2).sum(-1)
-    at_b = ((y - foot[a]) ** 2).sum(-1) - ((y - foot[b]) ** 2).sum(-1)
-    change = at_a - at_b
-    t = np.clip(np.where(np.abs(change) > 1e-12, at_a / np.where(change == 0, 1, change), 0.5), 0, 1)
-    crossing = x + t[..., None] * (y - x)
-    centre = (crossing * differs[..., None]).sum(axis=1) / differs.sum(axis=1)[:, None]
-    rays = centre[:, None, None] + _STEPS[:, None] * (crossing - centre[:, None])[:, :, None]
-    return rays[differs].reshape(-1, 3)

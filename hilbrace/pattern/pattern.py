@@ -18,8 +18,9 @@ class Pattern:
         vertices: Positions on the skin [mm].
         normals: Outward unit normals, interpolated from the smooth skin [-].
         triangles: Triangles of the struts, outward.
-        strut_width_min_mm: Narrowest strut left [mm].
+        strut_width_min_mm: Narrowest strut left [mm], at most 2.5 times the least one.
         strut_width_median_mm: Median strut width [mm].
+        slit_width_min_mm: Narrowest slit left [mm], at most 2.5 times the least one.
         islands_dropped: Pieces that hung on nothing and were removed.
         area_fraction: Area of the struts over the area of the skin [-].
         level_shift: Constant added to the strut half width so that the area fraction is the design's [-].
@@ -30,6 +31,7 @@ class Pattern:
     triangles: Int[Array, "triangle 3"]
     strut_width_min_mm: float
     strut_width_median_mm: float
+    slit_width_min_mm: float
     islands_dropped: int
     area_fraction: float
     level_shift: float

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from hilbrace.domain.domain import Domain
 
@@ -23,8 +25,8 @@ class RefinedSkin:
         edges: Edges, each once.
         parent: Domain triangle that each vertex takes its values from.
         barycentric: Weights of that triangle's corners.
-        loop_edges: Edges of the two loops, upper loop first.
-        upper_edges: How many of them belong to the upper loop.
+        loop_edges: Edges of the skin's own border: its two ends, and windows if it has some.
+        loop: Number of the closed line that each of them belongs to.
         edge_mm: Mean length of an edge [mm].
     """
 
@@ -35,7 +37,7 @@ class RefinedSkin:
     parent: Int[Array, " vertex"]
     barycentric: Float[Array, "vertex 3"]
     loop_edges: Int[Array, "loop_edge 2"]
-    upper_edges: int
+    loop: Int[Array, " loop_edge"]
     edge_mm: float
 
     def from_vertices(
@@ -79,8 +81,6 @@ def refine(domain: Domain, resolution_mm: float) -> RefinedSkin:
     edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     _, first, times = np.unique(_edge_code(edges, count), return_index=True, return_counts=True)
     loops = edges[np.sort(first[times == 1])]
-    on_upper = np.isin(domain.triangles[parent], domain.upper_loop) & (barycentric > 0)
-    upper = on_upper[loops].any(axis=(1, 2))
     return RefinedSkin(
         vertices=np.einsum("vk,vkx->vx", barycentric, domain.vertices[domain.triangles[parent]]),
         normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
@@ -88,8 +88,8 @@ def refine(domain: Domain, resolution_mm: float) -> RefinedSkin:
         edges=edges[first],
         parent=parent,
         barycentric=barycentric,
-        loop_edges=np.concatenate([loops[upper], loops[~upper]]),
-        upper_edges=int(upper.sum()),
+        loop_edges=loops,
+        loop=_loop_numbers(loops, count),
         edge_mm=edge / k,
     )
 
@@ -140,6 +140,12 @@ def _weld(
                 inner_start + np.arange(len(triangles)) * len(inner) + np.searchsorted(inner, local)
             )
     return index, inner_start + len(triangles) * len(inner)
+
+
+def _loop_numbers(edges: Int[Array, "edge 2"], vertices: int) -> Int[Array, " edge"]:
+    graph = coo_array((np.ones(len(edges), dtype=bool), edges.T), shape=(vertices, vertices))
+    _, component = connected_components(graph, directed=False)
+    return np.unique(component[edges[:, 0]], return_inverse=True)[1]
 
 
 def _edge_code(edges: Int[Array, "edge 2"], vertices: int) -> Int[Array, " edge"]:

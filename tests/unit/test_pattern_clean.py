@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hilbrace.errors import GeometryError
+from hilbrace.pattern.axis import strut_axis
 from hilbrace.pattern.border import border, hole_numbers, strut_widths
 from hilbrace.pattern.clean import (
     clean,
@@ -13,7 +14,6 @@ from hilbrace.pattern.clean import (
     depth_in_balls,
     drop_islands,
     shave_bumps,
-    strut_axis,
     widen_and_prune,
 )
 from hilbrace.pattern.clip import triangle_areas, zero_line

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hilbrace.pattern.border import border, hole_numbers, strut_widths
-from hilbrace.pattern.clean import trim_needles
+from hilbrace.pattern.mend import trim_needles
 from hilbrace.pattern.clip import zero_line
 from hilbrace.pattern.refine import refine
 from tests.unit.sleeve import sleeve_domain

@@ -29,8 +29,11 @@ def test_split_keeps_area_and_topology(resolution):
     assert len(skin.vertices) - len(skin.edges) + len(skin.triangles) == 0
     assert np.array_equal(np.unique(skin.triangles), np.arange(len(skin.vertices)))
     assert len(skin.loop_edges) == k * (len(DOMAIN.upper_loop) + len(DOMAIN.lower_loop))
-    assert skin.upper_edges == k * len(DOMAIN.upper_loop)
-    assert (skin.vertices[skin.loop_edges[: skin.upper_edges], 1] > 0).all()
+    for number in np.unique(skin.loop):
+        loop = skin.loop_edges[skin.loop == number]
+        upper = skin.vertices[loop[0, 0], 1] > 0
+        assert len(loop) == k * len(DOMAIN.upper_loop if upper else DOMAIN.lower_loop)
+        assert ((skin.vertices[loop, 1] > 0) == upper).all()
 
 
 def test_values_are_those_of_a_linear_function():

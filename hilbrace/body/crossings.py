@@ -87,9 +87,9 @@ def _near(boxes: _Boxes) -> Int[Array, "pair 2"]:
             break
         one, two = owner[first], owner[first + lag]
         low = np.maximum(boxes.low[one], boxes.low[two])
-        touch = (low <= np.minimum(boxes.high[one], boxes.high[two])).all(axis=1)
-        here = (low // cell == place[first]).all(axis=1)
-        kept.append(np.column_stack([one, two])[touch & here])
+        touch = _all(low <= np.minimum(boxes.high[one], boxes.high[two]))
+        one, two, low, cells = one[touch], two[touch], low[touch], place[first[touch]]
+        kept.append(np.column_stack([one, two])[_all(low // cell == cells)])
     pairs = np.concatenate([np.zeros((0, 2), np.int64), *kept])
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
 
@@ -110,24 +110,38 @@ def _entries(
 def _meet(
     points: Int[Array, "vertex 3"], one: Int[Array, "pair 3"], two: Int[Array, "pair 3"]
 ) -> Bool[Array, " pair"]:
-    """Do the triangles of each pair have more in common than shared corners and edges?"""
-    a, b = points[one], points[two]
-    side_b = np.stack([_orient(a[:, 0], a[:, 1], a[:, 2], b[:, k]) for k in range(3)], axis=1)
-    side_a = np.stack([_orient(b[:, 0], b[:, 1], b[:, 2], a[:, k]) for k in range(3)], axis=1)
-    flat = (side_b == 0).all(axis=1) | (side_a == 0).all(axis=1)
-    same = one[:, :, None] == two[:, None, :]
-    shared = same.any(axis=2).sum(axis=1)
+    """Do the triangles of each pair have more in common than shared corners and edges?
+
+    Pairs of which one lies on one side of the other's plane are left out at once.
+    """
     met = np.zeros(len(one), bool)
-    at = np.flatnonzero(flat)
-    met[at] = _overlap_in_plane(a[at], b[at])
-    reach = (side_b.min(axis=1) <= 0) & (side_b.max(axis=1) >= 0)
-    reach &= (side_a.min(axis=1) <= 0) & (side_a.max(axis=1) >= 0)
-    for mine, other, sides, common in ((a, b, side_a, same.any(axis=2)), (b, a, side_b, same.any(axis=1))):
+    left = np.arange(len(one))
+    sides: list[Array] = []
+    for mine, other in ((one, two), (two, one)):
+        corners = points[mine[left]]
+        across = [_orient(*(corners[:, k] for k in range(3)), points[other[left, j]]) for j in range(3)]
+        x, y, z = across
+        reach = ~((x == y) & (y == z) & (x != 0))
+        left = left[reach]
+        sides = [side[reach] for side in (*sides, np.stack(across, axis=1))]
+    side_two, side_one = sides
+    one, two = one[left], two[left]
+    a, b = points[one], points[two]
+    flat = _all(side_one == 0) | _all(side_two == 0)
+    met[left[flat]] = _overlap_in_plane(a[flat], b[flat])
+    same = one[:, :, None] == two[:, None, :]
+    apart = same.sum(axis=(1, 2)) < 2
+    for mine, other, side, common in ((a, b, side_one, same.any(axis=2)), (b, a, side_two, same.any(axis=1))):
         for start, end in _EDGES:
-            asked = reach & ~flat & ~met & (shared < 2) & ~common[:, start] & ~common[:, end]
-            at = np.flatnonzero(asked & (sides[:, start] * sides[:, end] <= 0))
-            met[at] |= _pierces(mine[at, start], mine[at, end], other[at])
+            asked = apart & ~flat & ~common[:, start] & ~common[:, end]
+            at = np.flatnonzero(asked & (side[:, start] * side[:, end] <= 0))
+            met[left[at]] |= _pierces(mine[at, start], mine[at, end], other[at])
     return met
+
+
+def _all(columns: Bool[Array, "pair 3"]) -> Bool[Array, " pair"]:
+    """``columns.all(axis=1)``, which numpy does slowly on short rows."""
+    return columns[:, 0] & columns[:, 1] & columns[:, 2]
 
 
 def _pierces(

@@ -27,6 +27,9 @@ SAME_PERSON = 0.2
 """Difference of the mesh's height from the person's that still can be shoes, hair and error [-]."""
 GROIN = np.deg2rad(40.0)
 """Slope of the plane between thigh and pelvis: it falls from the hip centre towards the crotch."""
+KNEE_BLEND, ANKLE_BLEND = 0.20, 0.08
+"""Half the length over which one bone takes over from the next, as a fraction of the shank; smoothed, this is
+about what the embedded body has."""
 TRUNK = 0.10
 """Height above the hips from which the skin is the trunk's [m]."""
 
@@ -72,10 +75,10 @@ def mesh_skin(target: Joints, height_m: float, settings: BodySettings) -> Neutra
 
 
 def leg_weights(surface: MeshSurface, joints: Joints, sides: tuple[str, ...]) -> Float[Array, "vertex bone"]:
-    """The one bone of each vertex, before smoothing.
+    """Weights of each vertex before smoothing.
 
-    The plane at the knee halves the angle between thigh and shank; the one at the ankle slopes from above the
-    heel to below the instep.
+    From one bone of a leg to the next they change linearly across a plane through the joint. At the knee it
+    halves the angle between thigh and shank; at the ankle it slopes from above the heel to below the instep.
 
     Args:
         surface: The mesh.
@@ -87,28 +90,34 @@ def leg_weights(surface: MeshSurface, joints: Joints, sides: tuple[str, ...]) ->
     """
     vertices = surface.vertices
     hips = np.mean([joints[f"hip_{side}"] for side in sides], axis=0)
-    bone = np.where(vertices[:, 1] > hips[1] + TRUNK, BONES.index("torso"), BONES.index("pelvis"))
+    trunk = vertices[:, 1] > hips[1] + TRUNK
+    weights = np.eye(len(BONES))[np.where(trunk, BONES.index("torso"), BONES.index("pelvis"))]
     middle = np.mean([joints[f"knee_{side}"][2] for side in sides]) if len(sides) == 2 else None
     for side in sides:
         hip, knee, ankle = (joints[f"{joint}_{side}"] for joint in ("hip", "knee", "ankle"))
         sign = 1.0 if side == "r" else -1.0
-        own = _below(vertices, hip, np.array([0.0, np.cos(GROIN), -sign * np.sin(GROIN)]))
+        own = (vertices - hip) @ np.array([0.0, np.cos(GROIN), -sign * np.sin(GROIN)]) < 0.0
         if middle is not None:
             own &= sign * (vertices[:, 2] - middle) > 0.0
         leg = _connected(surface.triangles, own, _nearest_in(vertices, own, knee))
-        thigh, shank = _unit(hip - knee), _unit(knee - ankle)
-        bone[leg] = BONES.index(f"femur_{side}")
-        bone[leg & _below(vertices, knee, thigh + shank)] = BONES.index(f"tibia_{side}")
-        bone[leg & _below(vertices, ankle, 2.0 * shank - np.array([1.0, 0.0, 0.0]))] = BONES.index(
-            f"calcn_{side}"
-        )
-    return np.eye(len(BONES))[bone]
+        thigh, shank, length = _unit(hip - knee), _unit(knee - ankle), float(np.linalg.norm(knee - ankle))
+        slope = _unit(2.0 * shank - np.array([1.0, 0.0, 0.0]))
+        below_knee = _share_below((vertices - knee) @ _unit(thigh + shank), KNEE_BLEND * length)
+        below_ankle = _share_below((vertices - ankle) @ slope, ANKLE_BLEND * length)
+        shares = {
+            "femur": 1.0 - below_knee,
+            "tibia": below_knee * (1.0 - below_ankle),
+            "calcn": below_knee * below_ankle,
+        }
+        weights[leg] = 0.0
+        for name, share in shares.items():
+            weights[leg, BONES.index(f"{name}_{side}")] = share[leg]
+    return weights
 
 
-def _below(
-    vertices: Float[Array, "vertex 3"], joint: Float[Array, " 3"], normal: Float[Array, " 3"]
-) -> Bool[Array, " vertex"]:
-    return (vertices - joint) @ normal < 0.0
+def _share_below(height: Float[Array, " vertex"], half: float) -> Float[Array, " vertex"]:
+    """Share of the bone below a joint: a ramp over ``half`` above and below the joint's plane [m]."""
+    return np.clip(0.5 - height / (2.0 * half), 0.0, 1.0)
 
 
 def _nearest_in(vertices: Float[Array, "vertex 3"], own: Bool[Array, " vertex"], point: Array) -> int:

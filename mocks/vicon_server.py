@@ -36,6 +36,9 @@ PLATE_NAME = "Plate 1"
 SEGMENT_TURN = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
 """Orientation of the segment, constant and about z."""
 
+PATIENCE_S = 0.2
+"""Longest hold for a client that takes no frames."""
+
 Objects = dict[int, list[bytes]]
 
 
@@ -126,6 +129,13 @@ class Client:
         self.asked = threading.Semaphore(0)
         self.gone = False
         self.pings: list[bytes] = []
+        self.taken = 0
+        self._took = threading.Condition()
+
+    def wait_for_ping(self, last: int, longest_s: float) -> None:
+        """Wait for a ping after the one that was the last when the frame was sent."""
+        with self._took:
+            self._took.wait_for(lambda: self.gone or self.taken > last, longest_s)
 
     def listen(self) -> None:
         """Take requests until the client leaves."""
@@ -153,6 +163,9 @@ class Client:
             self.asked.release()
         elif kind == Kind.PING:
             self.pings.append(payload)
+            with self._took:
+                self.taken = struct.unpack_from("<Q", payload)[0]
+                self._took.notify()
 
 
 class Server:
@@ -198,10 +211,12 @@ class Server:
                 return
             labels = self._labels(pace.elapsed())
             if not self.injector.drops():
-                message = self._frame(client, number, labels, known)
+                message, after = self._frame(client, number, labels, known), client.taken
                 client.line.sendall(self.injector.corrupted(message))
                 known = set(client.wants), labels
                 self.sent += 1
+                if self.options.patient:
+                    client.wait_for_ping(after, PATIENCE_S)
             number = number + 1 if client.push else max(number + 1, pace.current())
 
     def _labels(self, elapsed_s: float) -> tuple[str, ...]:
@@ -243,6 +258,9 @@ def main() -> None:
     parser.add_argument(
         "--change-markers-at", type=float, metavar="S", help="lose the last marker at this time"
     )
+    parser.add_argument("--patient", action="store_true",
+                        help="hold each frame until the client has taken the one before (the vendor's SDK "
+                        "keeps one frame and pings when it is taken: busy computers lose some)")  # fmt: skip
     scene.add_arguments(parser)
     faults.add_arguments(parser)
     options = parser.parse_args()

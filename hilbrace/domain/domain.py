@@ -45,8 +45,8 @@ class Domain:
         deformation: Deformation gradient of each triangle, rest to posed [-], between the triangle's own
             axes: the first along the edge from corner 0 to 1, the second in the triangle towards corner 2.
         quasi_conformal: Ratio of the singular values of the flat map per triangle [-], 1 is conformal.
-        windows: Edges of the windows: rows of (number of the window, vertex), in order around each window, the
-            way the lower loop runs. No rows for a plain sleeve.
+        windows: Edges of the windows: rows of (number of the window, vertex), in order around each window,
+            the way the lower loop runs. No rows for a plain sleeve.
     """
 
     joint: str

@@ -17,6 +17,10 @@ from hilbrace.units import MM_PER_M
 
 Array = np.ndarray
 
+_GRID = 2.0**20
+"""Skin and joint centres are rounded to this part of a millimetre, so that both legs of a symmetric body, whose
+figures differ in their last bits, have the same domain bit by bit."""
+
 _MIRROR = np.array([1.0, 1.0, -1.0])
 
 _LATERAL = np.array([0.0, 0.0, 1.0])
@@ -93,7 +97,7 @@ class Limb:
 
     def inwards(self, points_m: Float[Array, "*point 3"]) -> Float[Array, "*point 3"]:
         """Points of the body [m] in limb axes [mm]."""
-        points = (points_m - self.centre_m) * MM_PER_M
+        points = np.round((points_m - self.centre_m) * MM_PER_M * _GRID) / _GRID
         return points * _MIRROR if self.side == "left" else points
 
     def rest_frame(self, points: Float[Array, "*point 3"]) -> Float[Array, "*point 3"]:
@@ -124,7 +128,7 @@ def find_limb(body: Body, joint: str, side: str) -> Limb:
     upper = frame.inwards(_centre(body, f"{above}_{letter}", side))
     other = frame.inwards(_centre(body, f"{joint}_{opposite}", side))
     if below is None:
-        lower, distal = _foot(frame.inwards(body.vertices), other, side)
+        lower, distal = _foot(limb_skin(body, frame).vertices, other, side)
     else:
         lower = frame.inwards(_centre(body, f"{below}_{letter}", side))
         distal = lower / np.linalg.norm(lower)
@@ -139,8 +143,24 @@ def find_limb(body: Body, joint: str, side: str) -> Limb:
 
 
 def limb_skin(body: Body, limb: Limb) -> Surface:
-    """The whole skin of a body in limb axes [mm]."""
-    return Surface(limb.inwards(body.vertices), limb.winding(body.triangles.astype(np.int64)))
+    """The whole skin of a body in limb axes [mm], in an order that does not tell one leg from the other.
+
+    Vertices come by height, then from back to front and from medial to lateral (`skin_order`); triangles start
+    at their lowest corner.
+    """
+    order = skin_order(body, limb)
+    number = np.empty(len(order), np.int64)
+    number[order] = np.arange(len(order))
+    triangles = number[limb.winding(body.triangles.astype(np.int64))]
+    turn = (np.argmin(triangles, axis=1)[:, None] + np.arange(3)) % 3
+    triangles = np.take_along_axis(triangles, turn, axis=1)
+    return Surface(limb.inwards(body.vertices)[order], triangles[np.lexsort(triangles.T[::-1])])
+
+
+def skin_order(body: Body, limb: Limb) -> Int[Array, " vertex"]:
+    """Vertex of the body that each vertex of `limb_skin` is."""
+    x, y, z = limb.inwards(body.vertices).T
+    return np.lexsort((z, x, y))
 
 
 def _front(upwards: Float[Array, " xyz"]) -> Float[Array, " xyz"]:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hilbrace.domain.isoline import compact, cut_by_levels, cut_by_plane, mesh_edges
+from hilbrace.domain.landmarks import leaves_skin
 from hilbrace.domain.limb import Limb, Surface
 from hilbrace.domain.windows import Window
 from hilbrace.errors import GeometryError
@@ -171,12 +172,17 @@ def _refine(surface: Surface, edge_mm: float) -> Surface:
 
 
 def _around_joint(surface: Surface) -> Surface:
-    """The connected piece with the vertex nearest to the joint centre."""
+    """The connected piece that lies beside the joint centre, on the lateral side.
+
+    The other leg is on the medial side, where the skin of heavy legs comes nearer to this joint than their own.
+    """
     if not len(surface.triangles):
         raise _empty()
     piece = np.asarray(igl.facet_components(surface.triangles)[1]).ravel()
-    nearest = np.argmin(np.linalg.norm(surface.vertices, axis=1))
-    home = piece[np.argmax((surface.triangles == nearest).any(axis=1))]
+    beside = leaves_skin(surface, np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    target = np.array([0.0, 0.0, beside or 0.0])
+    nearest = np.argmin(np.linalg.norm(surface.vertices[surface.triangles].mean(axis=1) - target, axis=1))
+    home = piece[nearest]
     return Surface(*compact(surface.vertices, surface.triangles, piece == home))
 
 

@@ -11,14 +11,14 @@ skeleton, and nothing kinks at a mirror line unless the skeleton itself does.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import Voronoi, cKDTree
+from scipy.spatial import cKDTree
 
-from hilbrace.errors import ConfigError
+from hilbrace.material.skeleton_file import read_skeleton
 
 Array = np.ndarray
 
@@ -26,54 +26,24 @@ LUT_INTERVALS = 512
 """Intervals per side of the look-up table of a distance field."""
 
 
-def voronoi_open() -> Float[Array, "segment 2 2"]:
-    """Voronoi edges of five seeds and their mirror images, three of them on the border of the cell.
-
-    A seed strictly inside the cell would make the mirror line itself a Voronoi edge, and a straight square
-    grid would show through the pattern; seeds on the border leave the mirror lines open.
-    """
-    return _mirrored_voronoi(np.array([(0.0, 0.0), (1.0, 0.5), (0.45, 1.0), (0.0, 0.62), (0.55, 0.38)]))
-
-
-def sinusoidal() -> Float[Array, "segment 2 2"]:
-    """Two crossing waves, ``y = 1/2 + 0.17 cos(2 pi x)`` and its transpose: a full wave per cell.
-
-    The cosine meets both mirror lines at right angles, so the unfolded struts are smooth waves. The half
-    wave ``cos(pi x)`` is soft along its struts only: averaged over directions it is stiffer than the open
-    Voronoi cell above a volume fraction of 0.35, whereas this one stays several times softer throughout.
-    """
-    x = np.linspace(0.0, 1.0, 65)
-    wave = np.stack([x, 0.5 + 0.17 * np.cos(2 * np.pi * x)], axis=1)
-    return np.concatenate([_polyline(wave), _polyline(wave[:, ::-1])])
-
-
-SKELETONS: dict[str, Callable[[], Float[Array, "segment 2 2"]]] = {
-    "voronoi_open": voronoi_open,
-    "sinusoidal": sinusoidal,
-}
-"""Skeleton of each cell by name; a further cell is a further entry and a `hilbrace.material.tables` file."""
-
-
 def skeleton(name: str) -> Float[Array, "segment 2 2"]:
     """Segments of a cell's skeleton in the unit square.
 
+    Args:
+        name: Name of a built-in cell, or path of a skeleton file.
+
     Raises:
         ConfigError: No cell has this name.
+        InputError: The skeleton file cannot be used.
     """
-    if name not in SKELETONS:
-        raise ConfigError(
-            f"no microstructure named '{name}'",
-            where="material",
-            hint=f"choose one of {', '.join(SKELETONS)}",
-        )
-    return SKELETONS[name]()
+    return read_skeleton(name).segments
 
 
-def fold(coordinate: Float[Array, "*shape"], scale: float) -> Float[Array, "*shape"]:
+def fold(coordinate: Any, scale: float) -> Any:
     """Fold a coordinate of the flat map into the mirrored unit cell.
 
     The triangle wave equals the paper's ``arccos(cos(2 pi u / s)) / pi`` (below Eq. 5) without its loss of
-    digits at the mirror lines.
+    digits at the mirror lines. Serves numpy arrays and torch tensors alike.
 
     Args:
         coordinate: ``u`` or ``v`` of the flat map.
@@ -82,7 +52,7 @@ def fold(coordinate: Float[Array, "*shape"], scale: float) -> Float[Array, "*sha
     Returns:
         Coordinate inside the cell, in [0, 1].
     """
-    return 1.0 - np.abs(1.0 - np.mod(2.0 * coordinate / scale, 2.0))
+    return 1.0 - abs(1.0 - (2.0 * coordinate / scale) % 2.0)
 
 
 def skeleton_distance(name: str, points: Float[Array, "point 2"]) -> Float[Array, " point"]:
@@ -90,7 +60,10 @@ def skeleton_distance(name: str, points: Float[Array, "point 2"]) -> Float[Array
 
     The nearest of densely laid points picks the segments, the distance to them is exact.
     """
-    segments = skeleton(name)
+    return _distance(skeleton(name), points)
+
+
+def _distance(segments: Float[Array, "segment 2 2"], points: Float[Array, "point 2"]) -> Array:
     samples, owner = _sample(segments, spacing=2e-3)
     near = owner[cKDTree(samples).query(points, k=2)[1]]
     candidates = segments[near]
@@ -120,18 +93,18 @@ def cell_distance(name: str, u: Float[Array, " point"], v: Float[Array, " point"
     return (1 - a) * low + a * high
 
 
-@cache
 def distance_table(name: str) -> Float[Array, "row column"]:
-    """Distance field at the nodes of a square grid over the unit cell, computed once per process."""
+    """Distance field at the nodes of a square grid over the unit cell, computed once per skeleton."""
+    return _tabulated(skeleton(name).tobytes())
+
+
+@lru_cache(maxsize=32)
+def _tabulated(segments: bytes) -> Array:
     ticks = np.linspace(0.0, 1.0, LUT_INTERVALS + 1)
     nodes = np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
-    table = skeleton_distance(name, nodes).reshape(len(ticks), len(ticks))
+    table = _distance(np.frombuffer(segments).reshape(-1, 2, 2), nodes).reshape(len(ticks), len(ticks))
     table.setflags(write=False)
     return table
-
-
-def _polyline(points: Float[Array, "point 2"]) -> Float[Array, "segment 2 2"]:
-    return np.stack([points[:-1], points[1:]], axis=1)
 
 
 def _sample(segments: Float[Array, "segment 2 2"], spacing: float) -> tuple[Array, Array]:
@@ -148,33 +121,3 @@ def _segment_distance(point: Array, start: Array, end: Array) -> Array:
     along = end - start
     t = ((point - start) * along).sum(-1) / (along**2).sum(-1)
     return np.linalg.norm(point - start - np.clip(t, 0, 1)[..., None] * along, axis=-1)
-
-
-def _mirrored_voronoi(seeds: Float[Array, "seed 2"]) -> Float[Array, "segment 2 2"]:
-    images = [
-        np.stack([x, y], axis=1)
-        for x in (-seeds[:, 0], seeds[:, 0], 2 - seeds[:, 0])
-        for y in (-seeds[:, 1], seeds[:, 1], 2 - seeds[:, 1])
-    ]
-    diagram = Voronoi(np.unique(np.round(np.concatenate(images), 9), axis=0))
-    ridges = [ridge for ridge in diagram.ridge_vertices if min(ridge) >= 0]
-    pieces = [_clip_to_cell(*diagram.vertices[ridge]) for ridge in ridges]
-    return np.array([piece for piece in pieces if piece is not None])
-
-
-def _clip_to_cell(start: Array, end: Array) -> Array | None:
-    """Part of a segment inside the unit square (Liang & Barsky 1984), ``None`` where it lies outside."""
-    along = end - start
-    enter, leave = 0.0, 1.0
-    for axis in range(2):
-        for step, room in ((-along[axis], start[axis]), (along[axis], 1.0 - start[axis])):
-            if abs(step) < 1e-14:
-                if room < -1e-9:
-                    return None
-            elif step < 0:
-                enter = max(enter, room / step)
-            else:
-                leave = min(leave, room / step)
-    if leave - enter < 1e-9:
-        return None
-    return np.array([start + enter * along, start + leave * along])

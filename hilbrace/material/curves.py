@@ -14,15 +14,17 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import lsq_linear
 
-from hilbrace.errors import ConfigError
-from hilbrace.material.tables import FOLDER
+from hilbrace.errors import InputError
+from hilbrace.material.skeleton_file import read_skeleton, skeleton_path
+from hilbrace.material.tables import COLUMNS, FOLDER
 
 Array = np.ndarray
 Cubic = tuple[float, float, float, float]
@@ -122,14 +124,31 @@ def load_microstructures(soft: str, firm: str) -> Microstructures:
     return Microstructures(soft=load_curves(soft), firm=load_curves(firm))
 
 
-@cache
 def load_curves(name: str) -> CellCurves:
     """Read a cell's table and fit its curves.
 
+    Args:
+        name: Name of a built-in cell, or path of a skeleton file whose table lies beside it.
+
     Raises:
-        ConfigError: No table has this name.
+        ConfigError: No cell has this name.
+        InputError: The user's cell has no table, or one of another drawing.
     """
-    table = load_table(name)
+    return _fitted(name, json.dumps(load_table(name)))
+
+
+@lru_cache(maxsize=32)
+def _fitted(name: str, text: str) -> CellCurves:
+    return fit_curves(name, json.loads(text))
+
+
+def fit_curves(name: str, table: dict[str, Any]) -> CellCurves:
+    """The curves of a table.
+
+    Args:
+        name: What to call the cell.
+        table: As `hilbrace.material.tables.tabulate` returns it.
+    """
     columns = {key: np.array(values) for key, values in table["columns"].items()}
     width = columns["width"]
     d = (width - width[0]) / (width[-1] - width[0])
@@ -148,19 +167,37 @@ def load_curves(name: str) -> CellCurves:
     )
 
 
-def load_table(name: str) -> dict[str, Any]:
-    """The homogenized samples of a cell as `hilbrace.material.tables.tabulate` returned them.
+def table_path(name: str) -> Path:
+    """Where the table of a cell lies: in the package, or beside the user's skeleton file.
 
     Raises:
-        ConfigError: No table has this name.
+        ConfigError: No cell has this name.
     """
-    path = FOLDER / f"{name}.json"
-    if not path.is_file():
-        known = ", ".join(sorted(p.stem for p in FOLDER.glob("*.json")))
-        raise ConfigError(
-            f"no microstructure named '{name}'", where="material", hint=f"choose one of {known}"
-        )
-    return json.loads(path.read_text("utf-8"))
+    path = skeleton_path(name)
+    return path.with_suffix(".table.json") if name.endswith(".toml") else FOLDER / f"{name}.json"
+
+
+def load_table(name: str) -> dict[str, Any]:
+    """The homogenized samples of a cell as `hilbrace.material.tables.make_table` returned them.
+
+    Raises:
+        ConfigError: No cell has this name.
+        InputError: The user's cell has no table, a damaged one, or one of another drawing.
+    """
+    path = table_path(name)
+    if not name.endswith(".toml"):
+        return json.loads(path.read_text("utf-8"))
+    drawn = read_skeleton(name).digest
+    try:
+        table = json.loads(path.read_text("utf-8"))
+        if table["skeleton"] == drawn and set(COLUMNS) <= set(table["columns"]) and "wall" in table:
+            return table
+        what = "the table is of another drawing than the skeleton"
+    except OSError:
+        what = "the cell has not been homogenized yet"
+    except (ValueError, KeyError, TypeError):
+        what = "the table is damaged"
+    raise InputError(what, where=str(path), hint=f"run `hilbrace cells add {name}`")
 
 
 def fit_monotone_cubic(d: Float[Array, " sample"], value: Float[Array, " sample"]) -> tuple[Cubic, float]:

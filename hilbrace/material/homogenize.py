@@ -91,6 +91,60 @@ def mean_modulus(stiffness: Float[Array, "3 3"]) -> float:
     return float(directional_modulus(stiffness, np.arange(180) * np.pi / 180).mean())
 
 
+def poisson_ratio(stiffness: Float[Array, "3 3"]) -> float:
+    """Poisson's ratio under uniaxial stress along a direction, averaged over all directions [-].
+
+    The mean ratio weighs the strains, not the quotients: mean strain across over mean strain along.
+    """
+    compliance = np.linalg.inv(stiffness)
+    normal, mixed = compliance[0, 0] + compliance[1, 1], compliance[0, 1]
+    along = 3 * normal + 2 * mixed + compliance[2, 2]
+    across = normal + 6 * mixed - compliance[2, 2]
+    return float(-across / along)
+
+
+def with_poisson(
+    stiffness: Float[Array, "*cell 3 3"], from_poisson: float, to_poisson: float
+) -> Float[Array, "*cell 3 3"]:
+    """Stiffness of the same perforated sheet made of a material of another Poisson's ratio.
+
+    Where holes are empty, a change of the ratio at held Young's modulus adds to the effective compliance what
+    it adds to the material's own (Cherkaev, Lurie & Milton 1992, Proc. R. Soc. Lond. A 438); Young's modulus
+    of the sheet stays as it is in every direction.
+
+    Args:
+        stiffness: Effective plane-stress stiffness, relative to the material's Young's modulus.
+        from_poisson: Ratio of the material that it was computed for [-].
+        to_poisson: Ratio of the new material [-].
+    """
+    shift = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 2.0]]) * (to_poisson - from_poisson)
+    return np.linalg.inv(np.linalg.inv(stiffness) + shift)
+
+
+def homogenize_shear(density: Float[Array, "row column"]) -> Float[Array, "2 2"]:
+    """Effective transverse shear stiffness of a wall cut into mirrored cells, relative to a solid wall.
+
+    The displacement normal to a wall of straight holes obeys Laplace's equation in its cross-section.
+
+    Args:
+        density: Covered part of each pixel of the unit cell, in [0, 1].
+    """
+    n = len(density)
+    modulus = (VOID + (1 - VOID) * density).ravel()
+    corner = np.array([[4, -1, -2, -1], [-1, 4, -1, -2], [-2, -1, 4, -1], [-1, -2, -1, 4]]) / 6
+    nodes = _pixel_corners(n)
+    rows, columns = np.repeat(nodes, 4, axis=1).ravel(), np.tile(nodes, (1, 4)).ravel()
+    values = (modulus[:, None] * corner.ravel()).ravel()
+    stiffness = coo_array((values, (rows, columns)), shape=((n + 1) ** 2,) * 2).tocsc()
+    ticks = np.arange(n + 1) / n
+    effective = np.zeros((2, 2))
+    for k, axis in enumerate(np.meshgrid(ticks, ticks, indexing="ij")):
+        place = axis.ravel()
+        sides = np.flatnonzero((place == 0) | (place == 1))
+        effective[k, k] = _energy(stiffness, place[:, None], sides)[0, 0]
+    return effective
+
+
 def _element_stiffness(poisson: float) -> Float[Array, "8 8"]:
     law = np.array([[1, poisson, 0], [poisson, 1, 0], [0, 0, (1 - poisson) / 2]]) / (1 - poisson**2)
     stiffness = np.zeros((8, 8))
@@ -116,10 +170,14 @@ def _assemble(modulus: Float[Array, " pixel"], n: int, element: Float[Array, "8 
 
 
 def _pixel_dofs(n: int) -> Int[Array, "pixel 8"]:
+    corners = _pixel_corners(n)
+    return np.stack([2 * corners, 2 * corners + 1], axis=2).reshape(-1, 8)
+
+
+def _pixel_corners(n: int) -> Int[Array, "pixel 4"]:
     i, j = (index.ravel() for index in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
     node = i * (n + 1) + j
-    corners = np.stack([node, node + n + 1, node + n + 2, node + 1], axis=1)
-    return np.stack([2 * corners, 2 * corners + 1], axis=2).reshape(-1, 8)
+    return np.stack([node, node + n + 1, node + n + 2, node + 1], axis=1)
 
 
 def _energy(

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hilbrace.config.material import CELLS
 from hilbrace.errors import ConfigError
+from hilbrace.material.cell_tensor import cell_distance_tensor
 from hilbrace.material.cells import (
     LUT_INTERVALS,
-    SKELETONS,
     cell_distance,
     distance_table,
     fold,
@@ -26,7 +28,7 @@ def test_fold_equals_the_papers_arccos(u, scale):
     assert fold(np.array([u]), scale)[0] == pytest.approx(printed, abs=1e-6)
 
 
-@pytest.mark.parametrize("name", SKELETONS)
+@pytest.mark.parametrize("name", CELLS)
 def test_skeletons_lie_in_the_unit_cell(name):
     segments = skeleton(name)
     assert segments.min() >= -1e-12
@@ -34,7 +36,7 @@ def test_skeletons_lie_in_the_unit_cell(name):
     assert (np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1) > 0).all()
 
 
-@pytest.mark.parametrize("name", SKELETONS)
+@pytest.mark.parametrize("name", CELLS)
 def test_skeleton_distance_is_the_brute_force_distance(name):
     points = np.random.default_rng(1).uniform(0, 1, (300, 2))
     a, b = np.moveaxis(skeleton(name), 1, 0)
@@ -44,7 +46,7 @@ def test_skeleton_distance_is_the_brute_force_distance(name):
     assert skeleton_distance(name, points) == pytest.approx(brute, abs=1e-4)
 
 
-@pytest.mark.parametrize("name", SKELETONS)
+@pytest.mark.parametrize("name", CELLS)
 def test_distance_table_error_is_below_half_an_interval(name):
     points = np.random.default_rng(2).uniform(0, 1, (20000, 2))
     error = cell_distance(name, points[:, 0], points[:, 1]) - skeleton_distance(name, points)
@@ -68,9 +70,43 @@ def test_voronoi_edges_are_equally_near_to_two_seed_images():
         ]
     )
     for middle in skeleton("voronoi_open").mean(axis=1):
-        nearest = np.sort(np.unique(np.round(np.linalg.norm(images - middle, axis=1), 9)))[:1]
+        nearest = np.linalg.norm(images - middle, axis=1).min()
         distances = np.linalg.norm(np.unique(np.round(images, 9), axis=0) - middle, axis=1)
         assert (np.abs(distances - nearest) < 1e-6).sum() >= 2
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_tensors_give_the_same_distance(name):
+    u, v = np.random.default_rng(3).uniform(-0.01, 1.01, (2, 500))
+    told = cell_distance_tensor(name, torch.from_numpy(u), torch.from_numpy(v))
+    assert told.numpy() == pytest.approx(cell_distance(name, u, v), abs=1e-15)
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_gradient_of_the_distance_through_the_fold_matches_finite_differences(name):
+    scale, h = 1 / 12, 1e-8
+    rng = np.random.default_rng(4)
+    # middles of table squares, two periods wide, so that a step of the difference stays inside
+    inside = (rng.integers(0, LUT_INTERVALS, (2, 200)) + rng.uniform(0.2, 0.8, (2, 200))) / LUT_INTERVALS
+    place = (inside / 2 + rng.integers(-2, 2, (2, 200))) * scale
+    u, v = (torch.from_numpy(axis).requires_grad_() for axis in place)
+    cell_distance_tensor(name, fold(u, scale), fold(v, scale)).sum().backward()
+
+    def plain(du: float, dv: float) -> np.ndarray:
+        return cell_distance(name, fold(place[0] + du, scale), fold(place[1] + dv, scale))
+
+    for tensor, step in ((u, (h, 0)), (v, (0, h))):
+        difference = (plain(*step) - plain(-step[0], -step[1])) / (2 * h)
+        assert tensor.grad.numpy() == pytest.approx(difference, abs=1e-5)
+    # the field is a distance: one cell side of distance per cell side of way, off its ridges
+    slope = torch.hypot(u.grad, v.grad).numpy() * scale / 2
+    assert np.quantile(slope, [0.25, 0.9]) == pytest.approx([1.0, 1.0], abs=0.01)
+    assert slope.max() < np.sqrt(2)
+
+
+def test_fold_serves_tensors():
+    u = np.linspace(-2, 2, 101)
+    assert fold(torch.from_numpy(u), 0.08).numpy() == pytest.approx(fold(u, 0.08), abs=0)
 
 
 def test_table_is_read_only_and_unknown_cells_are_refused():

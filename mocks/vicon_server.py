@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import socket
 import struct
+import sys
 import threading
 
 import numpy as np
@@ -35,9 +36,6 @@ DEVICE, FORCE_CHANNEL, MOMENT_CHANNEL, CENTRE_CHANNEL = 1, 0, 1, 2
 PLATE_NAME = "Plate 1"
 SEGMENT_TURN = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
 """Orientation of the segment, constant and about z."""
-
-PATIENCE_S = 0.2
-"""Longest hold for a client that takes no frames."""
 
 Objects = dict[int, list[bytes]]
 
@@ -129,13 +127,6 @@ class Client:
         self.asked = threading.Semaphore(0)
         self.gone = False
         self.pings: list[bytes] = []
-        self.taken = 0
-        self._took = threading.Condition()
-
-    def wait_for_ping(self, last: int, longest_s: float) -> None:
-        """Wait for a ping after the one that was the last when the frame was sent."""
-        with self._took:
-            self._took.wait_for(lambda: self.gone or self.taken > last, longest_s)
 
     def listen(self) -> None:
         """Take requests until the client leaves."""
@@ -163,9 +154,6 @@ class Client:
             self.asked.release()
         elif kind == Kind.PING:
             self.pings.append(payload)
-            with self._took:
-                self.taken = struct.unpack_from("<Q", payload)[0]
-                self._took.notify()
 
 
 class Server:
@@ -211,12 +199,12 @@ class Server:
                 return
             labels = self._labels(pace.elapsed())
             if not self.injector.drops():
-                message, after = self._frame(client, number, labels, known), client.taken
+                message = self._frame(client, number, labels, known)
                 client.line.sendall(self.injector.corrupted(message))
                 known = set(client.wants), labels
                 self.sent += 1
                 if self.options.patient:
-                    client.wait_for_ping(after, PATIENCE_S)
+                    sys.stdin.readline()
             number = number + 1 if client.push else max(number + 1, pace.current())
 
     def _labels(self, elapsed_s: float) -> tuple[str, ...]:
@@ -259,8 +247,8 @@ def main() -> None:
         "--change-markers-at", type=float, metavar="S", help="lose the last marker at this time"
     )
     parser.add_argument("--patient", action="store_true",
-                        help="hold each frame until the client has taken the one before (the vendor's SDK "
-                        "keeps one frame and pings when it is taken: busy computers lose some)")  # fmt: skip
+                        help="wait for a line on standard input after each frame, for clients such as the "
+                        "vendor's SDK that keep one frame only and lose some on a busy computer")  # fmt: skip
     scene.add_arguments(parser)
     faults.add_arguments(parser)
     options = parser.parse_args()

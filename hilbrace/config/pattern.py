@@ -16,6 +16,12 @@ class PatternSettings(Section):
     min_strut_mm: float = Field(default=1.5, gt=0, description="narrowest strut that can be cast [mm]")
     min_slit_mm: float = Field(default=1.0, ge=0, description="narrowest slit that can be cast [mm]")
     rim_mm: float = Field(default=8.0, ge=2, description="width of the solid bands at both edges [mm]")
+    seam_mm: float = Field(
+        default=3.0,
+        gt=0,
+        description="width of the solid strip that joins both sides of the seam of a map that does not close "
+        "around the limb (lscm, slim), never narrower than min_strut_mm [mm]",
+    )
     blend_mm: float = Field(default=30.0, gt=0, description="width of the transition from firm to soft [mm]")
     resolution_mm: float = Field(
         default=1.0,

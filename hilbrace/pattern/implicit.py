@@ -22,6 +22,7 @@ from hilbrace.material.curves import load_microstructures
 from hilbrace.material.strut_width import effective_scale, map_length, minimum_width
 from hilbrace.optimize.design import Design
 from hilbrace.pattern.refine import RefinedSkin
+from hilbrace.pattern.stitch import flat_values
 
 Array = np.ndarray
 
@@ -43,7 +44,8 @@ class BlendedPattern:
         least_width: Half width of the narrowest strut [cell sides].
         firm: Firm fraction [-].
         cell_mm: Side of a cell on the limb [mm].
-        rim_depth: Depth inside the solid bands at the loops, negative outside of them [mm].
+        rim_depth: Depth inside the solid bands along the edges of the skin, and inside the strip along a
+            free seam, negative outside of them [mm].
     """
 
     soft_distance: Float[Array, " vertex"]
@@ -74,8 +76,8 @@ def blended_pattern(
     """Evaluate the two microstructures on the refined skin.
 
     The flat map is evaluated on the cut mesh, in the triangle that each vertex belongs to. On a periodic
-    map the period of the cells is rounded so that the pattern closes across the seam; on a map with a free
-    seam the values left of the seam hold on it.
+    map the period of the cells is rounded so that the pattern closes across the seam; a free seam is
+    stitched (`hilbrace.pattern.stitch`).
 
     Args:
         domain: The design domain.
@@ -86,10 +88,11 @@ def blended_pattern(
     """
     cells = load_microstructures(material.soft, material.firm)
     scale = effective_scale(settings.scale, domain.period_u)
-    u, v = (fold(skin.from_vertices(domain.cut_triangles, domain.uv[:, k]), scale) for k in range(2))
+    flat = flat_values(domain, skin, design.width_vertex, max(settings.seam_mm, settings.min_strut_mm))
+    u, v = (fold(flat.uv[:, k], scale) for k in range(2))
     length = skin.from_vertices(domain.triangles, vertex_map_length(domain))
     firm = skin.from_vertices(domain.triangles, design.firm_vertex)
-    d = cells.design_variable(skin.from_vertices(domain.cut_triangles, design.width_vertex), firm)
+    d = cells.design_variable(flat.value, firm)
     return BlendedPattern(
         soft_distance=cell_distance(material.soft, u, v),
         firm_distance=cell_distance(material.firm, u, v),
@@ -98,7 +101,7 @@ def blended_pattern(
         least_width=minimum_width(settings.min_strut_mm, scale, length),
         firm=firm,
         cell_mm=scale / 2 * length,
-        rim_depth=settings.rim_mm - _loop_distance(skin),
+        rim_depth=np.maximum(settings.rim_mm - _loop_distance(skin), flat.strip_depth),
     )
 
 

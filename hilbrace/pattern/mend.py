@@ -29,7 +29,9 @@ NEEDLE_MM = 0.1
 PLUG_STEP = 0.5
 """What each attempt adds to the radius of the plugs [mean edges]."""
 _GENTLE = 3
-_ROUNDS = 12
+_PATIENT = 6
+"""Attempts after which slits, and struts, are covered with discs."""
+_ROUNDS = 14
 _MARGIN = 0.03
 """What each round adds to the width that is asked for, as a share of the least one [-]."""
 _START = 1.02
@@ -93,9 +95,10 @@ def mended(
             needles = edge.middle[struts < NEEDLE * strut_mm]
             if len(needles):
                 line = zero_line(skin, trim_needles(skin, line, needles, strut_mm / 2))
-            line = zero_line(
-                skin, widened(skin, line, rim_depth, narrow, (_START + _MARGIN * extra) * strut_mm)
-            )
+            wide = (_START + _MARGIN * extra) * strut_mm
+            line = zero_line(skin, widened(skin, line, rim_depth, narrow, wide))
+            if extra > _PATIENT:
+                line = zero_line(skin, plugged(skin, line, narrow, 0.25 * strut_mm, extra - _PATIENT))
         if len(tight):
             needles = edge.middle[slits < NEEDLE * slit_mm]
             if len(needles):
@@ -160,9 +163,27 @@ def filled(
     depth = close_slits(skin, line, wide, Zone(tight, 2 * slit_mm))
     if attempt <= _GENTLE:
         return depth
-    radius = slit_mm / 2 + PLUG_STEP * (attempt - _GENTLE) * skin.edge_mm
-    distance = KDTree(tight).query(skin.vertices, distance_upper_bound=2 * radius)[0]
-    return np.maximum(depth, radius - distance)
+    return plugged(skin, zero_line(skin, depth), tight, slit_mm / 2, attempt - _GENTLE)
+
+
+def plugged(
+    skin: RefinedSkin, line: ZeroLine, places: Float[Array, "place 3"], radius_mm: float, attempt: int
+) -> Float[Array, " vertex"]:
+    """Cover places with discs, the larger the more often it was tried.
+
+    Args:
+        skin: The refined skin.
+        line: Zero line of the pattern.
+        places: Where struts or slits stay too narrow [mm].
+        radius_mm: Radius of the discs to begin with [mm].
+        attempt: Number of this attempt, from 1.
+
+    Returns:
+        The new depth at the vertices [mm].
+    """
+    radius = radius_mm + PLUG_STEP * attempt * skin.edge_mm
+    distance = KDTree(places).query(skin.vertices, distance_upper_bound=2 * radius)[0]
+    return np.maximum(line.depth, radius - distance)
 
 
 def trim_needles(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from hilbrace.pattern.border import border, hole_numbers, strut_widths
-from hilbrace.pattern.mend import trim_needles
 from hilbrace.pattern.clip import zero_line
+from hilbrace.pattern.mend import trim_needles
 from hilbrace.pattern.refine import refine
 from tests.unit.sleeve import sleeve_domain
 

@@ -1,0 +1,40 @@
+"""How long angles take from the last byte of a frame to the screen's numbers, in constant memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Int
+
+Array = np.ndarray
+
+BIN_MS = 0.05
+BINS = 4000
+"""Bins of 0.05 ms up to 0.2 s; the last one holds whatever took longer."""
+
+
+@dataclass
+class Latency:
+    """A histogram of delays.
+
+    Attributes:
+        counts: Delays in each bin.
+        largest_ms: The longest delay [ms].
+    """
+
+    counts: Int[Array, " bin"] = field(default_factory=lambda: np.zeros(BINS, int))
+    largest_ms: float = 0.0
+
+    def add(self, delay_ms: float) -> None:
+        """Count a delay [ms]."""
+        self.counts[min(int(delay_ms / BIN_MS), BINS - 1)] += 1
+        self.largest_ms = max(self.largest_ms, delay_ms)
+
+    def percentile(self, percent: float) -> float:
+        """Delay that a share of all delays stays below [ms]; NaN before the first."""
+        total = int(self.counts.sum())
+        if not total:
+            return float("nan")
+        place = int(np.searchsorted(np.cumsum(self.counts), percent / 100 * total))
+        return min((place + 1) * BIN_MS, self.largest_ms)

@@ -45,8 +45,8 @@ class MaterialSettings(Section):
     )
     segmentation: Literal["graphcut", "spectral"] = Field(
         default="graphcut",
-        description="how soft and firm skin are told apart by their energy: the strongly strained is soft, or "
-        "self-tuning spectral clustering (paper), about half and half",
+        description="how soft and firm skin are told apart by their energy: graphcut calls the strongly "
+        "strained soft, spectral is the paper's self-tuning clustering, about half and half",
     )
     firm: CellName = Field(
         default="voronoi_open", description="firm microstructure: a built-in name or a skeleton file (.toml)"

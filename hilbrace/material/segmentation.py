@@ -1,30 +1,43 @@
 """Where the brace is firm and where it is soft: a cut of the skin by how much the motion strains it.
 
-Skin that the motion hardly strains (low elastic energy) takes the firm microstructure, the rest the soft
-one (paper, Sec. 3.3.2). The energy is cut at the threshold that best separates it into two classes (Otsu
-1979), and the cut is straightened by the minimum cut of a graph over the triangles, which weighs each
-triangle's distance from the threshold against the length of the border. Patches too small to matter join
-their surroundings.
+Skin that the motion hardly strains (low elastic energy) takes the firm microstructure, the rest the soft one
+(paper, Sec. 3.3.2). Each triangle is first told apart by its energy, in one of two ways:
 
-The energy itself is cut and not its logarithm: the logarithm calls half of the sleeve soft, a ring around
-the whole shank with it, and such a ring gives away the frontal stiffness that the firm cells were put there
-for.
+``spectral`` is the paper's, self-tuning spectral clustering. Energy over a limb is smooth and has no gap; its
+clusters then part near the median, whatever monotone function of the energy is taken, since every sample
+measures in its own scale. About half of the sleeve comes out soft, a ring around the whole shank with it, and
+such a ring gives away the frontal stiffness that the firm cells were put there for.
+
+``graphcut`` parts the energy where two classes have the largest variance between them (Otsu 1979), which
+calls only the strongly strained skin soft.
+
+In both ways the border is then straightened by the minimum cut of a graph over the triangles, which weighs
+how surely each triangle belongs to its class against the length of the border (Greig, Porteous & Seheult
+1989), and patches too small to matter join their surroundings: a clean-up without which the patterns would
+meet along a ragged line, and in specks smaller than a cell.
 """
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_array, csr_array, diags_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_flow
-from scipy.sparse.linalg import splu
+
+from hilbrace.errors import GeometryError
+from hilbrace.material.spectral import field_memberships
 
 Array = np.ndarray
+Method = Literal["graphcut", "spectral"]
 
-BORDER_WEIGHT = 0.15
-"""Price of a border one mean edge long, in class distances of one mean triangle."""
+BORDER_WEIGHT = {"graphcut": 0.15, "spectral": 1.0}
+"""Price of a border one mean edge long, in sure memberships of one mean triangle."""
 SMALLEST_PATCH = 0.02
 """Share of the whole area below which a patch is no region of its own."""
+MOST_PATCHES = 4
+"""Most patches of one label; smaller ones beyond that join their surroundings."""
 _FLOW_UNITS = 10_000
 
 
@@ -33,6 +46,7 @@ def segment(
     areas: Float[Array, " triangle"],
     triangles: Int[Array, "triangle 3"],
     vertices: Float[Array, "vertex 3"],
+    method: Method = "graphcut",
 ) -> Bool[Array, " triangle"]:
     """Split the skin into firm (low energy) and soft (high energy) regions.
 
@@ -41,21 +55,28 @@ def segment(
         areas: Areas of the triangles [mm^2].
         triangles: Vertex indices of the closed mesh.
         vertices: Positions [mm].
+        method: How triangles are told apart; see above.
 
     Returns:
         True where firm. All firm if the energy is the same everywhere.
+
+    Raises:
+        GeometryError: An energy is not finite.
     """
-    energy = energy_density
-    if np.ptp(energy) <= 1e-9 * np.abs(energy).max():
+    lost = np.flatnonzero(~np.isfinite(energy_density))
+    if lost.size:
+        raise GeometryError(
+            f"the elastic energy of {lost.size} triangles is not finite",
+            where=f"triangle {lost[0]} of the domain",
+            hint="check the frames of the motion that pose the skin",
+        )
+    if np.ptp(energy_density) <= 1e-9 * np.abs(energy_density).max():
         return np.ones(len(triangles), dtype=bool)
-    threshold = otsu_threshold(energy, areas)
-    low = energy <= threshold
-    spread = np.average(energy[~low], weights=areas[~low]) - np.average(energy[low], weights=areas[low])
+    cost = _lowness(energy_density, areas, method) * areas / areas.mean()
     edges, pairs = dual_edges(triangles)
     lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
-    cost = (threshold - energy) / spread * areas / areas.mean()
-    firm = _minimum_cut(cost, pairs, BORDER_WEIGHT * lengths / lengths.mean())
-    return _without_small_patches(firm, areas, pairs)
+    firm = _minimum_cut(cost, pairs, BORDER_WEIGHT[method] * lengths / lengths.mean())
+    return without_small_patches(firm, areas, pairs)
 
 
 def otsu_threshold(value: Float[Array, " sample"], weight: Float[Array, " sample"]) -> float:
@@ -81,40 +102,74 @@ def dual_edges(triangles: Int[Array, "triangle 3"]) -> tuple[Int[Array, "edge 2"
     return edges[shared], np.stack([owner[shared], owner[shared + 1]], axis=1)
 
 
-def blend_map(
-    vertices: Float[Array, "vertex 3"],
-    triangles: Int[Array, "triangle 3"],
-    firm: Bool[Array, " triangle"],
-    width_mm: float,
-) -> tuple[Float[Array, " vertex"], Float[Array, " triangle"]]:
-    """Smooth the firm/soft map across a band (paper, Sec. 4.3: the blending map ``f_seg``).
-
-    Solves ``(M + width^2 / 8 L) f = M chi`` with the lumped mass and the cotangent Laplacian, negative
-    cotangents left out so that the values stay in [0, 1]. Across a straight border ``f`` climbs from 0.1 to
-    0.9 within 1.14 ``width_mm``.
+def patches(
+    firm: Bool[Array, " triangle"], pairs: Int[Array, "edge 2"]
+) -> tuple[Int[Array, " triangle"], Bool[Array, " patch"]]:
+    """Connected patch of each triangle, and the label of each patch.
 
     Args:
-        vertices: Positions [mm].
-        triangles: Vertex indices of the closed mesh.
-        firm: True where firm.
-        width_mm: Width of the transition [mm].
+        firm: Label of each triangle.
+        pairs: Triangles that share an edge.
+    """
+    inside = firm[pairs[:, 0]] == firm[pairs[:, 1]]
+    graph = coo_array((np.ones(inside.sum()), pairs[inside].T), shape=(len(firm), len(firm)))
+    count, patch = connected_components(graph, directed=False)
+    label = np.zeros(count, dtype=bool)
+    label[patch] = firm
+    return patch.astype(np.int64), label
+
+
+def without_small_patches(
+    firm: Bool[Array, " triangle"], areas: Float[Array, " triangle"], pairs: Int[Array, "edge 2"]
+) -> Bool[Array, " triangle"]:
+    """Give small patches the label around them, smallest first.
+
+    Args:
+        firm: Label of each triangle.
+        areas: Areas of the triangles [mm^2].
+        pairs: Triangles that share an edge.
 
     Returns:
-        Firm fraction per vertex and per triangle [-].
+        Labels whose patches are all at least `SMALLEST_PATCH` of the area, and at most `MOST_PATCHES` of each
+        label.
     """
-    laplacian, mass, chi = _blend_system(vertices, triangles, firm)
-    system = diags_array(mass) + width_mm**2 / 8 * laplacian
-    solution = splu(system.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve(
-        mass * chi
-    )
-    fraction = np.clip(solution, 0.0, 1.0)
-    return fraction, fraction[triangles].mean(axis=1)
+    firm = firm.copy()
+    limit = SMALLEST_PATCH * areas.sum()
+    while True:
+        patch, label = patches(firm, pairs)
+        size = np.bincount(patch, areas, minlength=len(label))
+        crowded = np.bincount(label, minlength=2) > MOST_PATCHES
+        candidates = (size < limit) | crowded[label.astype(int)]
+        if len(label) == 1 or not candidates.any():
+            return firm
+        smallest = int(np.argmin(np.where(candidates, size, np.inf)))
+        firm[patch == smallest] ^= True
+
+
+def _lowness(
+    energy: Float[Array, " triangle"], areas: Float[Array, " triangle"], method: Method
+) -> Float[Array, " triangle"]:
+    """How surely each triangle is one of low energy [-]: positive low, negative high, 1 a typical one."""
+    if method == "spectral":
+        return -field_memberships(energy, areas)
+    energy = _capped(energy, areas)
+    threshold = otsu_threshold(energy, areas)
+    low = energy <= threshold
+    spread = np.average(energy[~low], weights=areas[~low]) - np.average(energy[low], weights=areas[low])
+    return (threshold - energy) / spread
+
+
+def _capped(energy: Float[Array, " triangle"], areas: Float[Array, " triangle"]) -> Float[Array, " triangle"]:
+    """Energy of which the highest share that is no patch by itself counts alike: a fold sets no threshold."""
+    order = np.argsort(energy, kind="stable")
+    share = np.cumsum(areas[order]) / areas.sum()
+    return np.minimum(energy, energy[order[int(np.searchsorted(share, 1.0 - SMALLEST_PATCH))]])
 
 
 def _minimum_cut(
     cost: Float[Array, " triangle"], pairs: Int[Array, "edge 2"], weight: Float[Array, " edge"]
 ) -> Bool[Array, " triangle"]:
-    """Labels of least total cost: true earns ``cost``, a border costs ``weight`` (Greig et al. 1989)."""
+    """Labels of least total cost: true earns ``cost``, a border costs ``weight``."""
     count = len(cost)
     source, sink = count, count + 1
     ends = np.round(cost * _FLOW_UNITS).astype(np.int32)
@@ -130,38 +185,3 @@ def _minimum_cut(
     reached = np.zeros(count + 2, dtype=bool)
     reached[breadth_first_order(residual, source, return_predecessors=False)] = True
     return reached[:count]
-
-
-def _without_small_patches(
-    firm: Bool[Array, " triangle"], areas: Float[Array, " triangle"], pairs: Int[Array, "edge 2"]
-) -> Bool[Array, " triangle"]:
-    firm = firm.copy()
-    limit = SMALLEST_PATCH * areas.sum()
-    while True:
-        inside = firm[pairs[:, 0]] == firm[pairs[:, 1]]
-        graph = coo_array((np.ones(inside.sum()), pairs[inside].T), shape=(len(firm), len(firm)))
-        count, patch = connected_components(graph, directed=False)
-        size = np.bincount(patch, areas, minlength=count)
-        smallest = int(np.argmin(size))
-        if count == 1 or size[smallest] >= limit:
-            return firm
-        firm[patch == smallest] ^= True
-
-
-def _blend_system(
-    vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"], firm: Bool[Array, " triangle"]
-) -> tuple[csr_array, Float[Array, " vertex"], Float[Array, " vertex"]]:
-    count = len(vertices)
-    p = vertices[triangles]
-    double_area = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
-    mass = np.bincount(triangles.ravel(), np.repeat(double_area / 6, 3), minlength=count)
-    chi = np.bincount(triangles.ravel(), np.repeat(firm * double_area / 6, 3), minlength=count) / mass
-    laplacian = csr_array((count, count))
-    for k in range(3):
-        i, j = triangles[:, (k + 1) % 3], triangles[:, (k + 2) % 3]
-        a, b = vertices[i] - p[:, k], vertices[j] - p[:, k]
-        half_cotangent = np.maximum((a * b).sum(axis=1) / double_area, 0.0) / 2
-        weights = coo_array((half_cotangent, (i, j)), shape=(count, count)).tocsr()
-        weights = weights + weights.T
-        laplacian = laplacian + diags_array(weights.sum(axis=1)) - weights
-    return csr_array(laplacian), mass, chi

@@ -19,7 +19,8 @@ from torch import Tensor
 
 from hilbrace.errors import InputError, SolverError
 from hilbrace.field import initial_parameters, project_to_volume
-from hilbrace.material.segmentation import blend_map, segment
+from hilbrace.material.blending import blend_map
+from hilbrace.material.segmentation import segment
 from hilbrace.optimize import losses
 from hilbrace.optimize.design import LOSSES
 from hilbrace.optimize.evaluate import CONTRAST, Evaluation, Firmness, evaluate, material_of
@@ -137,7 +138,8 @@ def segment_by_energy(problem: Problem) -> Bool[Array, " triangle"]:
     the firm microstructure stores more energy for being firm, and would be called soft.
     """
     domain = problem.domain
-    return segment(problem.unit_energy.numpy(), problem.areas.numpy(), domain.triangles, domain.vertices)
+    energy, areas = problem.unit_energy.numpy(), problem.areas.numpy()
+    return segment(energy, areas, domain.triangles, domain.vertices, problem.segmentation)
 
 
 def level_for_volume(problem: Problem, firm: Firmness, theta: Float[Tensor, "row column"]) -> float:

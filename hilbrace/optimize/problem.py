@@ -23,6 +23,7 @@ from hilbrace.domain.rim import rim_band
 from hilbrace.field import GaussianField
 from hilbrace.material.curves import Microstructures, load_microstructures
 from hilbrace.material.neo_hookean import worst_energy_density
+from hilbrace.material.segmentation import Method
 from hilbrace.material.strut_width import effective_scale, map_length, maximum_width, minimum_width
 from hilbrace.optimize.joint_response import FLEXION, JointMotion, joint_motion
 from hilbrace.shell import (
@@ -88,6 +89,7 @@ class Problem:
         limits: Narrowest strut and narrowest slit [mm].
         blend_mm: Width of the transition from firm to soft [mm].
         unit_energy: Worst elastic energy density over the motion for unit modulus [-].
+        segmentation: How firm and soft are told apart by it.
         motion: The joint's motion.
         preserve: Columns of the angles to keep.
         prevent: Columns of the angles to bring to zero.
@@ -108,6 +110,7 @@ class Problem:
     limits: tuple[float, float]
     blend_mm: float
     unit_energy: Float[Tensor, " triangle"]
+    segmentation: Method
     motion: JointMotion
     preserve: tuple[int, ...]
     prevent: tuple[int, ...]
@@ -165,7 +168,10 @@ def build_problem(
         scale=effective_scale(pattern.scale, domain.period_u),
         limits=(pattern.min_strut_mm, pattern.min_slit_mm),
         blend_mm=pattern.blend_mm,
-        unit_energy=torch.from_numpy(worst_energy_density(domain.deformation, material.poisson)),
+        unit_energy=torch.from_numpy(
+            worst_energy_density(domain.deformation, material.poisson, material.lame)
+        ),
+        segmentation=material.segmentation,
         motion=joint_motion(loads, domain.joint, passive, settings.muscle_stiffness),
         preserve=tuple(map(ANGLES[kind].index, preserve)),
         prevent=tuple(map(ANGLES[kind].index, prevent)),

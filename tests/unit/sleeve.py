@@ -10,8 +10,8 @@ from hilbrace.domain.domain import Domain
 from hilbrace.domain.flatten import lscm, periodic_lscm, quasi_conformal
 from hilbrace.domain.rim import rim_band
 from hilbrace.domain.seam import Cut
+from hilbrace.material.blending import blend_map
 from hilbrace.material.curves import load_microstructures
-from hilbrace.material.segmentation import blend_map
 from hilbrace.material.strut_width import effective_scale, map_length, minimum_width
 from hilbrace.optimize.design import LOSSES, Design
 

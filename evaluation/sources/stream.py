@@ -209,9 +209,10 @@ def ground_load(
         zero: Channels of the empty plate; ``None`` for a plate that is zeroed already.
 
     Returns:
-        Force [N] and moment [N*m].
+        Force [N] and moment [N*m]; a channel that is NaN spoils only what it contributes to.
     """
-    local = (values if zero is None else values - zero) @ plate.calibration.T
+    channels = (values if zero is None else values - zero)[:, None, :]
+    local = np.where(plate.calibration == 0.0, 0.0, channels * plate.calibration).sum(axis=2)
     force = local[:, :3] @ plate.rotation.T
     moment = local[:, 3:] @ plate.rotation.T + np.cross(plate.origin, force)
     return np.hstack([force, moment])

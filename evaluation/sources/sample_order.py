@@ -95,7 +95,7 @@ class SampleOrder:
             return []
         first = self._beginning(*held)
         second = self._step(first, sample, host_time_ns)
-        if second is None:
+        if second is None or _seems_ahead(first, second):
             self.implausible += 1
             return []
         self.restarts += self._last is not None
@@ -140,7 +140,7 @@ class SampleOrder:
         else:
             half = COUNTER_RANGE // 2
             excess = (sample.sequence - last.sequence - step + half) % COUNTER_RANGE - half
-            if abs(excess) > 2 + RATE_TOLERANCE * step or step + excess < 1:
+            if abs(excess) > 2 + min(RATE_TOLERANCE * step, COUNTER_RANGE // 4) or step + excess < 1:
                 return None
             step += excess
         return _Mark(sample.sequence, sample.microseconds, last.number + step, last.time_s + seconds, host_ns)
@@ -163,3 +163,9 @@ class SampleOrder:
             self._last.time_s + step / self._rate,
             host_ns,
         )
+
+
+def _seems_ahead(first: _Mark, second: _Mark) -> bool:
+    """More time has passed on the device than on the host, and more than a late arrival explains."""
+    host_s = 1e-9 * (second.host_ns - first.host_ns)
+    return second.time_s - first.time_s > (1 + _LEAK) * host_s + AHEAD_S

@@ -145,7 +145,8 @@ def info_frame(plate: Announcement) -> bytes:
 
 def announcement_json(plate: Announcement) -> str:
     """An announcement as the JSON object that plates send."""
-    return json.dumps(vars(plate) | {"channels": list(plate.channels)}, separators=(",", ":"))
+    told = {key: value for key, value in vars(plate).items() if value}
+    return json.dumps(told | {"channels": list(plate.channels)}, separators=(",", ":"))
 
 
 def read_announcement(text: str) -> Announcement | None:

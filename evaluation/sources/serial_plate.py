@@ -27,7 +27,10 @@ DECODERS: dict[Wire, Callable[[], Decoder]] = {"frames": FrameDecoder, "lines": 
 ASK = b"?"
 """What asks a plate to announce itself."""
 
-ANSWER_S = 1.5
+ASK_EVERY_S = 0.1
+"""How often it is asked, as the answer may be damaged [s]."""
+
+ANSWER_S = 2.0
 """A plate announces itself every second, and sooner when it is asked."""
 
 FAULT_REPORT_S = 0.5
@@ -251,10 +254,14 @@ def await_announcement(line: SerialLine, wire: Wire, seconds: float) -> tuple[An
         LabError: Nothing comes, or nothing in this protocol.
     """
     decoder, arrived, samples = DECODERS[wire](), 0, 0
-    line.write(ASK)
-    end = time.monotonic() + seconds
-    while (left := end - time.monotonic()) > 0:
-        data = line.read(left)
+    now = next_ask = time.monotonic()
+    end = now + seconds
+    while now < end:
+        if now >= next_ask:
+            line.write(ASK)
+            next_ask = now + ASK_EVERY_S
+        data = line.read(ASK_EVERY_S)
+        now = time.monotonic()
         arrived += len(data)
         messages = decoder.feed(data)
         samples += sum(isinstance(message, Sample) for message in messages)

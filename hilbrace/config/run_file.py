@@ -163,4 +163,19 @@ def _absolute(config: Config, folder: Path) -> Config:
     biomech = config.biomech
     if biomech.model is not None:
         biomech = biomech.model_copy(update={"model": (folder / biomech.model).resolve()})
-    return config.model_copy(update={"motion": motion.model_copy(update=moved), "biomech": biomech})
+    domain = _absolute_paint(config.domain, folder)
+    return config.model_copy(
+        update={"motion": motion.model_copy(update=moved), "biomech": biomech, "domain": domain}
+    )
+
+
+def _absolute_paint(domain: DomainSettings, folder: Path) -> DomainSettings:
+    """Files of painted skin, relative to the configuration's folder."""
+    reliefs = tuple(
+        relief
+        if relief.painted is None
+        else relief.model_copy(update={"painted": (folder / relief.painted).resolve()})
+        for relief in domain.reliefs
+    )
+    painted = None if domain.painted is None else (folder / domain.painted).resolve()
+    return domain.model_copy(update={"painted": painted, "reliefs": reliefs})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.body.body import Body
@@ -32,7 +32,7 @@ def build_domain(body: Body, loads: JointLoads, settings: DomainSettings) -> Dom
     rest = rest_domain(body, settings)
     frames = frames_of(loads, rest.joint, settings.frames_per_second)
     vertices, triangles = rest.surface.vertices, rest.surface.triangles
-    posed = pose_in_distal(vertices, rest.joint, body, loads.coordinate_names, loads.coordinates[frames])
+    posed = pose_in_distal(rest.worn, rest.joint, body, loads.coordinate_names, loads.coordinates[frames])
     deformation = deformation_gradients(vertices, posed, triangles)
     check_deformation(deformation, loads.time[frames])
     opened = vertices[rest.cut.weld]
@@ -53,6 +53,7 @@ def build_domain(body: Body, loads: JointLoads, settings: DomainSettings) -> Dom
         deformation=deformation,
         quasi_conformal=quasi_conformal(opened, rest.flat.uv, rest.cut.triangles),
         windows=_numbered(rest.loops.windows),
+        rims=_rims(settings, len(rest.loops.windows)),
     )
 
 
@@ -60,3 +61,9 @@ def _numbered(windows: tuple[Int[Array, " corner"], ...]) -> Int[Array, "corner 
     """Edges of windows as rows of (number of the window, vertex)."""
     rows = [np.stack([np.full(len(loop), k), loop], axis=1) for k, loop in enumerate(windows)]
     return np.concatenate([np.zeros((0, 2), np.int64), *rows])
+
+
+def _rims(settings: DomainSettings, windows: int) -> Float[Array, " loop"]:
+    """Widths of the bands at the upper edge, the lower edge and the windows [mm], NaN where not given."""
+    wanted = [settings.upper_rim_mm, settings.lower_rim_mm, *[settings.window_rim_mm] * windows]
+    return np.array([np.nan if width is None else width for width in wanted])

@@ -47,6 +47,8 @@ class Domain:
         quasi_conformal: Ratio of the singular values of the flat map per triangle [-], 1 is conformal.
         windows: Edges of the windows: rows of (number of the window, vertex), in order around each window,
             the way the lower loop runs. No rows for a plain sleeve.
+        rims: Widths of the solid bands at the upper loop, the lower loop and around each window [mm]; NaN, or
+            no entries at all, where the pattern's own width holds.
     """
 
     joint: str
@@ -65,6 +67,7 @@ class Domain:
     deformation: Float[Array, "frame triangle 2 2"]
     quasi_conformal: Float[Array, " triangle"]
     windows: Int[Array, "corner 2"] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    rims: Float[Array, " loop"] = field(default_factory=lambda: np.zeros(0))
 
     @property
     def window_loops(self) -> tuple[Int[Array, " corner"], ...]:
@@ -78,9 +81,9 @@ class RimBand:
     """Triangles that become solid bands along the loops, those of the windows included.
 
     Attributes:
-        triangles: True where a triangle's centre lies within ``width_mm`` of a loop.
+        triangles: True where a triangle's centre lies within the width of the band of a loop.
         vertex_distance: Distance of each vertex to the nearest loop [mm].
-        width_mm: Width of the band [mm].
+        width_mm: Width of the bands that the domain gives no width of their own [mm].
     """
 
     triangles: Bool[Array, " triangle"]

@@ -18,8 +18,8 @@ from hilbrace.units import MM_PER_M
 Array = np.ndarray
 
 _GRID = 2.0**20
-"""Skin and joint centres are rounded to this part of a millimetre, so that both legs of a symmetric body, whose
-figures differ in their last bits, have the same domain bit by bit."""
+"""Skin and joint centres are rounded to this part of a millimetre, so that both legs of a symmetric body,
+whose figures differ in their last bits, have the same domain bit by bit."""
 
 _MIRROR = np.array([1.0, 1.0, -1.0])
 
@@ -145,8 +145,8 @@ def find_limb(body: Body, joint: str, side: str) -> Limb:
 def limb_skin(body: Body, limb: Limb) -> Surface:
     """The whole skin of a body in limb axes [mm], in an order that does not tell one leg from the other.
 
-    Vertices come by height, then from back to front and from medial to lateral (`skin_order`); triangles start
-    at their lowest corner.
+    Vertices come by height, then from back to front and from medial to lateral (`skin_order`); triangles
+    start at their lowest corner.
     """
     order = skin_order(body, limb)
     number = np.empty(len(order), np.int64)

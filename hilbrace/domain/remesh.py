@@ -7,13 +7,11 @@ from dataclasses import dataclass
 import igl
 import mmgpy
 import numpy as np
-from jaxtyping import Int
 
 from hilbrace.domain.isoline import mesh_edges
 from hilbrace.domain.limb import Surface
+from hilbrace.domain.loops import loop_length, open_loops
 from hilbrace.errors import GeometryError
-
-Array = np.ndarray
 
 TOLERANCE = 0.03
 """Largest deviation from the wanted number of triangles [-]."""
@@ -110,22 +108,16 @@ def remesh(region: Surface, triangles: int) -> Surface:
     return best
 
 
-def loop_length(surface: Surface, loop: Int[Array, " corner"]) -> float:
-    """Length of a closed line of vertices [mm]."""
-    points = surface.vertices[loop]
-    return float(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).sum())
-
-
 def _keep_lengths(mesh: Surface, region: Surface) -> Surface:
     """Widen each loop about its centre until it is as long as the finer one that it was cut from.
 
     The corners of the new loop lie on the old one, so that its sides are chords: a third of a millimetre on
     the circumference of a coarsely meshed thigh, made up for by moves of a tenth of a millimetre.
     """
-    old = [np.asarray(loop, np.int64) for loop in igl.boundary_loop_all(region.triangles)]
+    old = open_loops(region)
     centres = np.array([region.vertices[loop].mean(axis=0) for loop in old])
     vertices = mesh.vertices.copy()
-    for loop in (np.asarray(loop, np.int64) for loop in igl.boundary_loop_all(mesh.triangles)):
+    for loop in open_loops(mesh):
         middle = mesh.vertices[loop].mean(axis=0)
         same = old[int(np.argmin(np.linalg.norm(centres - middle, axis=1)))]
         scale = loop_length(region, same) / loop_length(mesh, loop)

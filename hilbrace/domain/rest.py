@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from hilbrace.body.body import Body
 from hilbrace.config import DomainSettings
+from hilbrace.domain.edges import find_edges
+from hilbrace.domain.fitting import Fit, compress, find_reliefs, relieve
 from hilbrace.domain.flatten import FlatMap, flatten, mirrored
-from hilbrace.domain.limb import Limb, Surface, find_limb, limb_skin
-from hilbrace.domain.region import Loops, cut_region, edges_at, loops_of
+from hilbrace.domain.limb import Limb, Surface, find_limb, limb_skin, skin_order
+from hilbrace.domain.loops import Loops, loops_of
+from hilbrace.domain.paint import read_paint
+from hilbrace.domain.region import cut_painted, cut_region
 from hilbrace.domain.remesh import edge_for, remesh, surface_area
 from hilbrace.domain.seam import Cut, cut_along, find_seam
-from hilbrace.domain.windows import preset_windows
+from hilbrace.domain.windows import find_windows, open_windows
+from hilbrace.errors import ConfigError
 
 Array = np.ndarray
 
+
+_EDGES = ("above", "below", "upper_edge", "lower_edge")
 
 SEAM_AZIMUTH_DEG = {"knee": 180.0, "ankle": 0.0}
 """Where the seam runs if nothing else is asked for: hidden behind the knee, and clear of the open heel."""
@@ -29,6 +36,7 @@ class RestDomain:
 
     joint: str
     surface: Surface
+    worn: Float[Array, "vertex 3"]
     loops: Loops
     cut: Cut
     flat: FlatMap
@@ -42,7 +50,8 @@ def rest_domain(body: Body, settings: DomainSettings) -> RestDomain:
         GeometryError: The region is no sleeve, or cannot be meshed or flattened.
     """
     limb = find_limb(body, settings.joint, settings.side)
-    surface = mesh_sleeve(limb_skin(body, limb), limb, settings)
+    fit = mesh_sleeve(body, limb, settings)
+    surface = fit.rest
     loops = loops_of(surface, limb)
     azimuth = settings.seam_azimuth_deg
     azimuth = SEAM_AZIMUTH_DEG[limb.name] if azimuth is None else azimuth
@@ -52,20 +61,45 @@ def rest_domain(body: Body, settings: DomainSettings) -> RestDomain:
     loops = _rightwards(loops, surface)
     upper, lower = _from_seam(loops.upper, int(path[-1])), _from_seam(loops.lower, int(path[0]))
     loops = Loops(upper, lower, loops.windows)
-    return _back(RestDomain(limb.joint, surface, loops, cut, flat), limb)
+    return _back(RestDomain(limb.joint, surface, fit.worn, loops, cut, flat), limb)
 
 
-def mesh_sleeve(skin: Surface, limb: Limb, settings: DomainSettings) -> Surface:
-    """The braced region with even triangles, in limb axes [mm].
+def mesh_sleeve(body: Body, limb: Limb, settings: DomainSettings) -> Fit:
+    """The braced region with even triangles, at rest and as it is worn, in limb axes [mm].
 
     Raises:
-        GeometryError: The region is no sleeve, or cannot be meshed as wanted.
+        ConfigError: The settings name what the joint does not have, or the same thing twice.
+        InputError: Paint cannot be read.
+        GeometryError: The region is no sleeve, or cannot be shaped or meshed as wanted.
     """
-    ends = edges_at(limb, settings.above, settings.below)
-    rough = cut_region(skin, limb, ends, (), np.inf)
-    edge = edge_for(surface_area(rough), settings.triangles)
-    region = cut_region(skin, limb, ends, preset_windows(skin, limb), edge)
-    return remesh(region, settings.triangles)
+    skin, order = limb_skin(body, limb), skin_order(body, limb)
+    region = _region(skin, limb, order, settings)
+    region = relieve(region, skin, find_reliefs(skin, limb, order, settings.reliefs))
+    fit = compress(region, loops_of(region, limb), settings.compression_percent)
+    opened = open_windows(region, limb, find_windows(skin, limb, settings.windows))
+    if settings.compression_percent == 0.0:
+        mesh = remesh(opened, settings.triangles)
+        return Fit(mesh, mesh.vertices)
+    mesh = remesh(Surface(fit.to_rest(opened.vertices), opened.triangles), settings.triangles)
+    return Fit(mesh, fit.to_worn(mesh.vertices))
+
+
+def _region(skin: Surface, limb: Limb, order: Int[Array, " vertex"], settings: DomainSettings) -> Surface:
+    """The part of the skin that the settings ask for, about as finely meshed as it will be."""
+    if settings.painted is None:
+        edges = find_edges(skin, limb, settings)
+        rough = cut_region(skin, limb, edges, np.inf)
+        return cut_region(skin, limb, edges, edge_for(surface_area(rough), settings.triangles))
+    given = [key for key in _EDGES if getattr(settings, key) is not None]
+    if given:
+        raise ConfigError(
+            f"both domain.painted and domain.{given[0]} say where the brace ends",
+            where="domain.painted",
+            hint="leave one of them out",
+        )
+    painted = read_paint(settings.painted, len(order), "domain.painted")[order]
+    rough = cut_painted(skin, limb, painted, np.inf)
+    return cut_painted(skin, limb, painted, edge_for(surface_area(rough), settings.triangles))
 
 
 def _pins(surface: Surface, limb: Limb, loops: Loops, cut: Cut, azimuth_deg: float) -> tuple[int, int]:
@@ -101,10 +135,13 @@ def _rightwards(loops: Loops, surface: Surface) -> Loops:
 def _back(rest: RestDomain, limb: Limb) -> RestDomain:
     """A sleeve from limb axes into the rest frame; a left one is mirrored with everything on it."""
     surface = Surface(limb.rest_frame(rest.surface.vertices), limb.winding(rest.surface.triangles))
+    worn = limb.rest_frame(rest.worn)
     if limb.side == "right":
-        return RestDomain(rest.joint, surface, rest.loops, rest.cut, rest.flat)
+        return replace(rest, surface=surface, worn=worn)
     cut = Cut(limb.winding(rest.cut.triangles), rest.cut.weld, np.ascontiguousarray(rest.cut.pairs[:, ::-1]))
     upper, lower, *windows = (
         np.roll(loop[::-1], 1) for loop in (rest.loops.upper, rest.loops.lower, *rest.loops.windows)
     )
-    return RestDomain(rest.joint, surface, Loops(upper, lower, tuple(windows)), cut, mirrored(rest.flat))
+    return RestDomain(
+        rest.joint, surface, worn, Loops(upper, lower, tuple(windows)), cut, mirrored(rest.flat)
+    )

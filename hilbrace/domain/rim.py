@@ -16,7 +16,7 @@ def rim_band(domain: Domain, width_mm: float) -> RimBand:
 
     Args:
         domain: The design domain.
-        width_mm: Width of the bands [mm].
+        width_mm: Width of the bands that the domain gives no width of their own (``Domain.rims``) [mm].
 
     Returns:
         The band; distances are straight lines to the loops' polylines.
@@ -25,17 +25,19 @@ def rim_band(domain: Domain, width_mm: float) -> RimBand:
         GeometryError: The bands leave no room for a pattern.
     """
     loops = (domain.upper_loop, domain.lower_loop, *domain.window_loops)
+    own = domain.rims if len(domain.rims) else np.full(len(loops), np.nan)
+    widths = np.where(np.isnan(own), width_mm, own)
     centres = domain.vertices[domain.triangles].mean(axis=1)
-    centre_distance = np.min([loop_distance(centres, domain.vertices[loop]) for loop in loops], axis=0)
+    centre_distance = np.stack([loop_distance(centres, domain.vertices[loop]) for loop in loops])
     vertex_distance = np.min(
         [loop_distance(domain.vertices, domain.vertices[loop]) for loop in loops], axis=0
     )
-    band = centre_distance <= width_mm
+    band = np.any(centre_distance <= widths[:, None], axis=0)
     if band.all():
         raise GeometryError(
-            f"solid bands of {width_mm:g} mm cover the whole brace",
+            f"solid bands of {widths.max():g} mm cover the whole brace",
             where="pattern.rim_mm",
-            hint="lower pattern.rim_mm, or make the brace longer (domain.above, domain.below)",
+            hint="lower pattern.rim_mm (or domain.upper_rim_mm, ...), or make the brace longer",
         )
     return RimBand(triangles=band, vertex_distance=vertex_distance, width_mm=float(width_mm))
 

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from hilbrace.domain.isoline import mesh_edges
 from hilbrace.domain.limb import Limb, Surface
-from hilbrace.domain.region import Loops
+from hilbrace.domain.loops import Loops
 from hilbrace.errors import GeometryError
 
 Array = np.ndarray

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import igl
 import numpy as np
 from jaxtyping import Float
 
-from hilbrace.domain.landmarks import Landmark, find_landmark
+from hilbrace.config.domain import WindowSettings
+from hilbrace.domain.isoline import cut_by_levels, mesh_edges
+from hilbrace.domain.landmarks import find_landmark
 from hilbrace.domain.limb import Limb, Surface
+from hilbrace.domain.loops import Loops, loops_of
+from hilbrace.errors import ConfigError, GeometryError
 
 Array = np.ndarray
 
+PATELLA_MM = (52.0, 64.0)
+"""Width and height of the window over the kneecap [mm]."""
+
 HEEL_SHARE = (0.30, 0.38)
 """Width and height of the open heel, in lengths of the foot before the ankle [-]."""
+
+_SNAP = 0.2
+"""Vertices nearer to the edge of a window than this share of an edge move onto it [-]."""
 
 
 @dataclass(frozen=True)
@@ -47,32 +59,95 @@ class Window:
         return (np.linalg.norm(scaled, axis=1) - 1.0) * float(self.radii.min())
 
 
-def window_at(landmark: Landmark, key: str, width_mm: float, height_mm: float) -> Window:
-    """The window of a given width and height around a landmark.
-
-    Args:
-        landmark: Its middle.
-        key: Configuration key that asks for it.
-        width_mm: Width around the limb [mm].
-        height_mm: Height along the limb [mm].
-    """
-    axes = np.stack([np.cross(landmark.upward, landmark.outward), landmark.upward, landmark.outward])
-    radii = np.array([width_mm, height_mm, max(width_mm, height_mm)]) / 2.0
-    return Window(landmark.name, key, landmark.position, axes, radii)
-
-
-def preset_windows(skin: Surface, limb: Limb) -> tuple[Window, ...]:
-    """The windows that a brace has where none are asked for: none at the knee, the open heel at the ankle.
+def find_windows(skin: Surface, limb: Limb, wanted: Sequence[WindowSettings] | None) -> tuple[Window, ...]:
+    """The windows that a configuration asks for; where it says nothing, none at the knee and the open heel.
 
     Args:
         skin: The skin in limb axes [mm].
         limb: Axes of the limb.
+        wanted: ``domain.windows``.
 
     Raises:
-        GeometryError: There is no skin at the heel.
+        ConfigError: A landmark is unknown, or a size is missing.
+        GeometryError: There is no skin at a landmark.
     """
-    if limb.name != "ankle":
-        return ()
-    reach = float(limb.lower @ limb.distal)
-    width, height = (share * reach for share in HEEL_SHARE)
-    return (window_at(find_landmark(skin, limb, "heel", "domain.joint"), "domain.windows", width, height),)
+    if wanted is None:
+        wanted = (WindowSettings(at="heel"),) if limb.name == "ankle" else ()
+    return tuple(
+        _window(skin, limb, window, f"domain.windows[{number}]") for number, window in enumerate(wanted)
+    )
+
+
+def open_windows(region: Surface, limb: Limb, windows: Sequence[Window]) -> Surface:
+    """A sleeve without what lies in its windows.
+
+    Args:
+        region: The sleeve [mm].
+        limb: Axes of the limb.
+        windows: Windows to open.
+
+    Raises:
+        GeometryError: A window crosses an edge of the sleeve or another window, or is no single hole.
+    """
+    edges, _ = mesh_edges(region.triangles)
+    margin = float(np.median(np.linalg.norm(np.diff(region.vertices[edges], axis=1), axis=-1)))
+    _check_apart(region, loops_of(region, limb), windows, margin)
+    for window in windows:
+        before = igl.euler_characteristic(region.triangles)
+        levels = -window.levels(region.vertices)
+        region = Surface(*cut_by_levels(region.vertices, region.triangles, levels, _SNAP))
+        pieces = np.unique(np.asarray(igl.facet_components(region.triangles)[1]))
+        if igl.euler_characteristic(region.triangles) != before - 1 or len(pieces) != 1:
+            raise GeometryError(
+                f"the window at the {window.title} is no single hole in the skin",
+                where=window.key,
+                hint="make the window smaller or larger: it meets the skin in several places, or nowhere",
+            )
+    return region
+
+
+def _check_apart(region: Surface, ends: Loops, windows: Sequence[Window], margin_mm: float) -> None:
+    taken = np.zeros(len(region.vertices), bool)
+    taken[np.concatenate([np.zeros(0, np.int64), *ends.windows])] = True
+    for window in windows:
+        inside = window.levels(region.vertices) < margin_mm
+        for name, loop in (("upper", ends.upper), ("lower", ends.lower)):
+            if inside[loop].any():
+                raise GeometryError(
+                    f"the window at the {window.title} crosses the {name} edge of the sleeve",
+                    where=window.key,
+                    hint="make the window smaller, or the sleeve longer (domain.above, domain.below)",
+                )
+        if (taken & inside).any():
+            raise GeometryError(
+                f"the window at the {window.title} runs into another window",
+                where=window.key,
+                hint="make the windows smaller, or join them into one",
+            )
+        taken |= inside
+
+
+def _window(skin: Surface, limb: Limb, wanted: WindowSettings, key: str) -> Window:
+    landmark = find_landmark(skin, limb, wanted.at, f"{key}.at")
+    sizes = _default_size(limb, wanted.at)
+    width = sizes[0] if wanted.width_mm is None else wanted.width_mm
+    height = sizes[1] if wanted.height_mm is None else wanted.height_mm
+    if width is None or height is None:
+        raise ConfigError(
+            f"a window at the {wanted.at} has no usual size",
+            where=key,
+            hint=f"set {key}.width_mm and {key}.height_mm",
+        )
+    axes = np.stack([np.cross(landmark.upward, landmark.outward), landmark.upward, landmark.outward])
+    radii = np.array([width, height, max(width, height)]) / 2.0
+    return Window(landmark.name, key, landmark.position, axes, radii)
+
+
+def _default_size(limb: Limb, name: str) -> tuple[float | None, float | None]:
+    """Usual width and height of a window [mm]."""
+    if name == "patella":
+        return PATELLA_MM
+    if name == "heel":
+        reach = float(limb.lower @ limb.distal)
+        return HEEL_SHARE[0] * reach, HEEL_SHARE[1] * reach
+    return None, None

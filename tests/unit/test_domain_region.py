@@ -9,8 +9,10 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hilbrace.domain.edges import edges_at
 from hilbrace.domain.limb import Surface, find_limb, limb_skin
-from hilbrace.domain.region import cut_region, edges_at, loops_of
+from hilbrace.domain.loops import loops_of
+from hilbrace.domain.region import cut_region
 from hilbrace.errors import GeometryError
 from tests.unit.domain_body import HIP, KNEE, mirrored_body, synthetic_body, upright_limb
 
@@ -19,7 +21,7 @@ EDGE = 12.0
 
 def region_of(body, side="right", above=0.4, below=0.38, edge=EDGE, joint="knee"):
     limb = find_limb(body, joint, side)
-    return limb, cut_region(limb_skin(body, limb), limb, edges_at(limb, above, below), (), edge)
+    return limb, cut_region(limb_skin(body, limb), limb, edges_at(limb, above, below), edge)
 
 
 def refuse(body, *words, **places):

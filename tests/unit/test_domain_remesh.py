@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hilbrace.domain.limb import Surface
-from hilbrace.domain.region import loops_of
+from hilbrace.domain.loops import loops_of
 from hilbrace.domain.remesh import TOLERANCE, edge_for, mesh_quality, remesh, surface_area
 from hilbrace.errors import GeometryError
 from tests.unit.domain_body import outwardness, sleeve, upright_limb

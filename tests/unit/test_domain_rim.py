@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from hilbrace.domain.domain import Domain
 from hilbrace.domain.limb import Surface
-from hilbrace.domain.region import loops_of
+from hilbrace.domain.loops import loops_of
 from hilbrace.domain.rim import loop_distance, rim_band
 from hilbrace.errors import GeometryError
 from tests.unit.domain_body import sleeve, upright_limb

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hilbrace.domain.limb import Surface
-from hilbrace.domain.region import loops_of
+from hilbrace.domain.loops import loops_of
 from hilbrace.domain.remesh import mesh_quality, remesh
 from hilbrace.domain.seam import cut_along, find_seam
 from hilbrace.errors import GeometryError

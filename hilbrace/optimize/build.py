@@ -17,10 +17,11 @@ from hilbrace.domain.domain import Domain
 from hilbrace.optimize.brace_response import posture_stiffness
 from hilbrace.optimize.coupling import brace_spring
 from hilbrace.optimize.design import LOSSES, Design
-from hilbrace.optimize.evaluate import Material, design_variable, material_of
+from hilbrace.optimize.evaluate import design_variable, fraction_of
 from hilbrace.optimize.loop import run_loop
 from hilbrace.optimize.predictions import predict
 from hilbrace.optimize.problem import Problem, build_problem
+from hilbrace.optimize.uniform import uniform_design
 from hilbrace.run.progress import Report, silent
 from hilbrace.run.records import write_atomic
 from hilbrace.shell import open_pool
@@ -60,7 +61,7 @@ def optimize_design(
     problem = build_problem(loads, domain, settings, material, pattern)
     with open_pool(problem.shapes.shells[0].numbering.sparsity, settings.solver) as solvers:
         state, firm, last, seconds = run_loop(problem, checkpoint, key, progress, solvers)
-        uniform = uniform_design(problem, last.material)
+        uniform = uniform_design(problem, fraction_of(problem, last.material))
         plain = posture_stiffness(problem, uniform.modulus, solvers)
         solver = solvers.name
     response = last.mechanics.response
@@ -102,29 +103,9 @@ def optimize_design(
         passive_sensitivity=predicted.sensitivity,
         reaction_upper=reactions[:, 0:3],
         reaction_lower=reactions[:, 6:9],
-        volume_fraction=_fraction(problem, last.material),
-        volume_fraction_uniform=_fraction(problem, uniform),
+        volume_fraction=fraction_of(problem, last.material),
+        volume_fraction_uniform=fraction_of(problem, uniform),
     ), seconds
-
-
-def uniform_design(problem: Problem, wanted: Material) -> Material:
-    """One volume fraction of the firm microstructure everywhere, and in all the same volume as a design.
-
-    This is the unoptimized brace of the paper's comparison, a uniform Voronoi pattern with the same solid
-    rims. The limits of casting do not bind it.
-
-    Args:
-        problem: The design task.
-        wanted: The design whose volume it shall have.
-    """
-    firm = torch.ones_like(problem.areas)
-    target = _fraction(problem, wanted)
-    low, high = -0.5, 1.5
-    for _ in range(80):
-        middle = 0.5 * (low + high)
-        made = material_of(problem, torch.full_like(problem.areas, middle), firm)
-        low, high = (middle, high) if _fraction(problem, made) < target else (low, middle)
-    return material_of(problem, torch.full_like(problem.areas, 0.5 * (low + high)), firm)
 
 
 def write_history_csv(design: Design, path: Path) -> None:
@@ -141,10 +122,6 @@ def _per_degree(problem: Problem, loops: Float[Tensor, "posture 12 12"]) -> Floa
     """Diagonal of the brace's stiffness about the joint's axes in each posture [N*m/deg]."""
     spring = brace_spring(problem, loops)
     return torch.diagonal(spring.stiffness, dim1=1, dim2=2).numpy() * DEG
-
-
-def _fraction(problem: Problem, material: Material) -> float:
-    return float((material.volume * problem.areas).sum() / problem.areas.sum())
 
 
 def _closed(at_cut_vertices: Float[Array, " cut_vertex"], domain: Domain) -> Float[Array, " vertex"]:

@@ -11,7 +11,7 @@ from torch import Tensor
 from hilbrace.field import project
 from hilbrace.optimize import losses
 from hilbrace.optimize.brace_response import BraceResponse, brace_response
-from hilbrace.optimize.coupling import COUPLINGS, Prediction
+from hilbrace.optimize.coupling import COUPLINGS, Prediction, brace_spring
 from hilbrace.optimize.problem import Place, Problem, seam_pairs, width_limits
 from hilbrace.shell import SolverPool
 
@@ -68,12 +68,14 @@ class Evaluation:
         material: The field's meaning.
         mechanics: Its consequences.
         stability: The two sums of L1.
+        support: Stiffness of the brace about the prevented angles in each posture [N*m/rad].
         terms: L1..L5, not normalised.
     """
 
     material: Material
     mechanics: Mechanics
     stability: losses.Stability
+    support: Float[Tensor, "posture angle"]
     terms: Float[Tensor, "5"]
 
 
@@ -109,12 +111,23 @@ def material_of(
     )
 
 
+def fraction_of(problem: Problem, material: Material) -> float:
+    """Mean volume fraction of a brace [-]."""
+    return float((material.volume * problem.areas).sum() / problem.areas.sum())
+
+
 def mechanics_of(
     problem: Problem, modulus: Float[Tensor, " triangle"], solvers: SolverPool | None = None
 ) -> Mechanics:
     """Solve the shell and let the joint respond, by the coupling of the settings."""
     response = brace_response(problem, modulus, solvers)
     return Mechanics(response, COUPLINGS[problem.settings.coupling](problem, response))
+
+
+def support_of(problem: Problem, response: BraceResponse) -> Float[Tensor, "posture angle"]:
+    """Stiffness of a brace about the prevented angles in each posture [N*m/rad]."""
+    about = torch.diagonal(brace_spring(problem, response.loops).stiffness, dim1=1, dim2=2)
+    return about[:, list(problem.prevent)]
 
 
 def evaluate(
@@ -149,4 +162,4 @@ def evaluate(
             losses.seam(d_vertex, seam_pairs(problem.domain)),
         ]
     )
-    return Evaluation(material, mechanics, stability, terms)
+    return Evaluation(material, mechanics, stability, support_of(problem, mechanics.response), terms)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +21,9 @@ from hilbrace.errors import InputError, SolverError
 from hilbrace.field import initial_parameters, project_to_volume
 from hilbrace.material.blending import blend_map
 from hilbrace.material.segmentation import segment
-from hilbrace.optimize import losses
 from hilbrace.optimize.design import LOSSES
 from hilbrace.optimize.evaluate import CONTRAST, Evaluation, Firmness, evaluate, material_of
+from hilbrace.optimize.objective import Reference, normalised, reference
 from hilbrace.optimize.problem import Problem, width_limits
 from hilbrace.run.progress import Report
 from hilbrace.run.records import load, save
@@ -54,7 +54,9 @@ class Progress:
         firm: The segmentation: True is firm.
         history: Normalised L1..L5 and total, one row per iteration.
         losses_initial: L1..L5 of the first field.
-        scales: What each loss is divided by, in the order of `losses.Scales`; empty before the first.
+        measure: L1..L5 by which losses are divided, see `objective.Reference`; zero before the first.
+        uniform: L1's preserved sum and relief of the uniform brace [rad^2].
+        support: Stiffness of the uniform brace about the prevented angles in each posture [N*m/rad].
     """
 
     key: str
@@ -65,7 +67,9 @@ class Progress:
     firm: Bool[Array, " triangle"]
     history: Float[Array, "iteration term"]
     losses_initial: Float[Array, " loss"]
-    scales: tuple[float, ...]
+    measure: Float[Array, " loss"]
+    uniform: Float[Array, "2"]
+    support: Float[Array, "posture angle"]
 
 
 def run_loop(
@@ -120,7 +124,9 @@ def first_state(problem: Problem, key: str) -> Progress:
         firm=firm,
         history=np.zeros((0, len(LOSSES) + 1)),
         losses_initial=np.zeros(5),
-        scales=(),
+        measure=np.zeros(5),
+        uniform=np.zeros(2),
+        support=np.zeros((0, 0)),
     )
 
 
@@ -168,8 +174,8 @@ def _step(problem: Problem, firm: Firmness, state: Progress, solvers: SolverPool
     settings = problem.settings
     theta, bias = (tensor.requires_grad_() for tensor in _tensors(state))
     evaluation = evaluate(problem, firm, theta, bias, solvers)
-    if not state.scales:
-        state = replace(state, **_start(problem, evaluation))
+    if state.iteration == 0:
+        state = replace(state, **_start(problem, evaluation, solvers))
     row, total = _normalised(problem, evaluation, state)
     if not torch.isfinite(total):
         raise SolverError(
@@ -216,13 +222,14 @@ def adam(
     return parameters - rate * direction, np.stack([first, second])
 
 
-def _start(problem: Problem, evaluation: Evaluation) -> dict[str, Any]:
-    terms = evaluation.terms.detach()
-    first = evaluation.stability
-    stability = losses.Stability(first.preserved.detach(), first.prevented.detach(), first.effect.detach())
-    pairs, coupling = len(problem.domain.seam_pairs), problem.settings.coupling
-    scale = losses.scales(stability, terms, pairs, coupling)
-    return {"losses_initial": terms.numpy(), "scales": astuple(scale)}
+def _start(problem: Problem, evaluation: Evaluation, solvers: SolverPool | None) -> dict[str, Any]:
+    taken = reference(problem, evaluation, solvers)
+    return {
+        "losses_initial": evaluation.terms.detach().numpy(),
+        "measure": taken.start,
+        "uniform": np.array([taken.preserved, taken.relieved]),
+        "support": taken.support,
+    }
 
 
 def _normalised(
@@ -230,7 +237,9 @@ def _normalised(
 ) -> tuple[Float[Tensor, "6"], Float[Tensor, ""]]:
     """The row of the history (L1..L5 and total), and the total to minimise."""
     weights = torch.tensor(list(problem.settings.weights.model_dump().values()), dtype=torch.float64)
-    terms = losses.normalised(evaluation.stability, evaluation.terms, losses.Scales(*state.scales))
+    preserved, relieved = map(float, state.uniform)
+    measure = Reference(state.measure, preserved, relieved, state.support)
+    terms = normalised(evaluation, measure, problem.settings.coupling)
     total = (weights * terms).sum()
     return torch.cat([terms, total[None]]), total
 

@@ -41,8 +41,8 @@ from hilbrace.shell import (
 
 Array = np.ndarray
 
-POSTURE_GAP = np.deg2rad(15.0)
-"""Postures closer than this in flexion are one [rad]."""
+POSTURE_STEP, POSTURE_GAP = np.deg2rad(30.0), np.deg2rad(15.0)
+"""Postures are taken every so many degrees of flexion; two that are closer than the second are one [rad]."""
 
 
 @dataclass(frozen=True)
@@ -211,14 +211,15 @@ def _at_cut_vertices(values: Float[Array, " triangle"], domain: Domain) -> Float
 
 
 def _postures(loads: JointLoads, domain: Domain, rest: ShellModel) -> tuple[Posture, ...]:
-    """The rest shape, the shapes furthest bent to both sides and the shape under the peak acting force."""
+    """The rest shape, shapes at even steps of flexion and the shapes bent furthest to both sides."""
     joint = loads.joints.index(domain.joint)
     frames = np.array([int(np.argmin(np.abs(loads.time - instant))) for instant in domain.time])
     flexion = loads.angles[frames, joint, FLEXION]
-    force = np.linalg.norm(loads.acting_force[frames, joint], axis=1)
     axes = loads.joint_axes[:, joint]
     postures = [Posture(0.0, rest, _unit(axes.mean(axis=0)))]
-    for kept in (int(flexion.argmax()), int(flexion.argmin()), int(force.argmax())):
+    steps = np.arange(np.ceil(flexion.min() / POSTURE_STEP), flexion.max() / POSTURE_STEP) * POSTURE_STEP
+    nearest = [int(np.abs(flexion - step).argmin()) for step in steps]
+    for kept in (int(flexion.argmax()), int(flexion.argmin()), *nearest):
         if min(abs(flexion[kept] - posture.flexion) for posture in postures) > POSTURE_GAP:
             shell = pose_shell(rest, domain.posed[kept])
             postures.append(Posture(float(flexion[kept]), shell, axes[frames[kept]]))

@@ -83,7 +83,8 @@ def load(kind: type[Record], path: Path) -> Record:
         path: The ``.npz`` file.
 
     Raises:
-        InputError: The file is missing, damaged, or holds another kind of record.
+        InputError: The file is missing, damaged, holds another kind of record, or one that another version
+            wrote.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -108,10 +109,25 @@ def load(kind: type[Record], path: Path) -> Record:
             hint="name the file of the right stage",
         )
     hints = get_type_hints(kind)
+    strange = sorted(set(values) - set(hints)) + sorted(_required(kind) - set(values))
+    if strange:
+        raise InputError(
+            f"written by another version: {', '.join(strange)} does not fit",
+            where=str(path),
+            hint="delete the file and run the stage again",
+        )
     for name, value in values.items():
         if isinstance(value, list) and str(hints[name]).startswith("tuple"):
             values[name] = tuple(tuple(v) if isinstance(v, list) else v for v in value)
     return kind(**values)
+
+
+def _required(kind: type) -> set[str]:
+    return {
+        field.name
+        for field in dataclasses.fields(kind)
+        if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    }
 
 
 def _member(name: str) -> zipfile.ZipInfo:

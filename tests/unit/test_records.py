@@ -70,6 +70,18 @@ def test_a_flipped_bit_is_found(tmp_path: Path):
         load(Sample, path)
 
 
+def test_a_record_of_another_version_is_refused_by_its_fields(tmp_path: Path):
+    @dataclass(frozen=True)
+    class Later:
+        name: str
+        added: float
+
+    Later.__name__ = "Other"
+    save(Other("x"), tmp_path / "old.npz")
+    with pytest.raises(InputError, match="added does not fit"):
+        load(Later, tmp_path / "old.npz")
+
+
 def test_another_kind_is_refused(tmp_path: Path):
     save(Other("x"), tmp_path / "other.npz")
     with pytest.raises(InputError, match="holds a Other"):

@@ -42,7 +42,8 @@ class C3DReplay:
     def __init__(self, name: str, path: Path, speed: float = 1.0, up: Literal["y", "z"] = "z") -> None:
         if not speed > 0:
             raise InputError("a replay needs a positive speed", where=str(path), hint="give 1 for real time")
-        self._name, self._path, self._speed, self._up = name, path, speed, up
+        self._name, self._path, self._speed = name, path, speed
+        self._up: Literal["y", "z"] = up
         self._content: C3DRecording | None = None
         self._plates: tuple[PlateInfo, ...] = ()
         self._loads: list[Float[Array, "frame sample 6"]] = []

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import queue
 import socket
+import threading
+import time
 
 from evaluation.sources.stream import LabError
+from hilbrace.errors import InputError
 
 PIECE_BYTES = 2**18
 """Most bytes that are taken from a connection at once."""
@@ -21,29 +25,60 @@ def connect(host: str, port: int, patience_s: float, whom: str) -> socket.socket
 
     Raises:
         LabError: The name is unknown, or nobody answers in time.
+        InputError: The port is no port.
     """
     where = f"{host}:{port}"
-    try:
-        line = socket.create_connection((host, port), timeout=patience_s)
-    except socket.gaierror as fault:
-        raise LabError(
-            f"the name '{host}' is unknown",
-            where=where,
-            hint="check the spelling, or give the number address",
-        ) from fault
-    except TimeoutError as fault:
+    if not host or not 0 < port < 2**16:
+        raise InputError(
+            "this is no network address", where=where, hint="give a host and a port from 1 to 65535"
+        )
+    deadline = time.monotonic() + patience_s
+    fault: OSError = TimeoutError()
+    for family, kind, protocol, _, address in _resolve(host, port, patience_s):
+        line = socket.socket(family, kind, protocol)
+        line.settimeout(max(deadline - time.monotonic(), 1e-3))
+        try:
+            line.connect(address)
+        except OSError as refusal:
+            line.close()
+            fault = refusal
+            continue
+        line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return line
+    if isinstance(fault, TimeoutError):
         raise LabError(
             f"nobody answers within {patience_s:g} s",
             where=where,
             hint=f"check that {whom} runs there, that both computers are on one network, and the firewall",
-        ) from fault
-    except OSError as fault:
-        reason = "nothing listens there" if isinstance(fault, ConnectionRefusedError) else str(fault)
-        raise LabError(
-            f"no connection: {reason}", where=where, hint=f"start {whom} there, or correct address and port"
-        ) from fault
-    line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return line
+        )
+    reason = "nothing listens there" if isinstance(fault, ConnectionRefusedError) else str(fault)
+    raise LabError(
+        f"no connection: {reason}", where=where, hint=f"start {whom} there, or correct address and port"
+    )
+
+
+def _resolve(host: str, port: int, patience_s: float) -> list[tuple]:
+    """Addresses of a name; the lookup itself has no time-out, so it runs aside."""
+    answers: queue.SimpleQueue[list[tuple] | OSError | UnicodeError] = queue.SimpleQueue()
+
+    def look_up() -> None:
+        try:
+            answers.put(socket.getaddrinfo(host, port, type=socket.SOCK_STREAM))
+        except (OSError, UnicodeError) as fault:
+            answers.put(fault)
+
+    threading.Thread(target=look_up, daemon=True, name="name lookup").start()
+    try:
+        answer = answers.get(timeout=patience_s)
+    except queue.Empty:
+        answer = TimeoutError()
+    if isinstance(answer, list):
+        return answer
+    raise LabError(
+        f"the name '{host}' is unknown",
+        where=f"{host}:{port}",
+        hint="check the spelling, or give the number address",
+    ) from answer
 
 
 def receive(line: socket.socket, timeout_s: float, whom: str) -> bytes:

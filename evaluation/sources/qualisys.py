@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import importlib
 import math
+import socket
 import struct
 import time
 from collections.abc import Callable, Coroutine
@@ -19,6 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Float
 
+from evaluation.sources.connection import connect
 from evaluation.sources.qtm_gate import Gate
 from evaluation.sources.qtm_settings import QtmPlate, QtmSettings, read_settings
 from evaluation.sources.stream import Item, LabError, MarkerFrame, PlateSamples, SourceEvent, SourceInfo
@@ -81,7 +83,8 @@ class QualisysSource:
         self._queue, self._lost, self._refused = [], None, vendor.QRTCommandException
         self._runner = asyncio.Runner()
         try:
-            self._run(self._connect(vendor))
+            line = connect(self._host, self._port, self._patience, "QTM's real-time server")
+            self._run(self._connect(vendor, line))
             info = self._run(self._describe())
             self._run(self._start())
         except (LabError, InputError):
@@ -132,23 +135,23 @@ class QualisysSource:
             raise LabError("the source is not open", where=self.address, hint="call open first")
         return self._runner.run(work)
 
-    async def _connect(self, vendor: ModuleType) -> None:
+    async def _connect(self, vendor: ModuleType, line: socket.socket) -> None:
         self._arrived = asyncio.Event()
         loop = asyncio.get_running_loop()
         protocol = _gated(vendor, loop, self._on_news, self._on_loss)
         try:
             async with asyncio.timeout(self._patience):
-                await loop.create_connection(lambda: protocol, self._host, self._port)
+                await loop.create_connection(lambda: protocol, sock=line)
                 self._connection = vendor.QRTConnection(protocol, self._patience)
                 await protocol.set_version(PROTOCOL)
         except TimeoutError as fault:
+            if self._lost is not None:
+                raise LabError(
+                    f"the answer is not QTM's: {self._lost}",
+                    where=self.address,
+                    hint=f"check address and port (QTM's real-time server is on port {PORT})",
+                ) from fault
             raise self._silent("does not answer") from fault
-        except OSError as fault:
-            raise LabError(
-                f"no connection: {fault.strerror or fault}",
-                where=self.address,
-                hint=f"check the address, that QTM runs, and that its real-time server is on port {PORT}",
-            ) from fault
         except self._refused as fault:
             raise LabError(
                 f"QTM refuses protocol {PROTOCOL}: {fault}",

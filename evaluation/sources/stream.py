@@ -21,7 +21,7 @@ nor count losses: `evaluation.sources.reconnecting.Reconnecting` does both, for 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -165,6 +165,7 @@ class SourceEvent:
 Item = SourceInfo | MarkerFrame | PlateSamples | SourceEvent
 
 
+@runtime_checkable
 class Source(Protocol):
     """A device that is read block by block by one thread."""
 

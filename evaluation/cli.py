@@ -1,4 +1,4 @@
-"""``hilbrace evaluate angles | table | verify-pig``."""
+"""``hilbrace evaluate angles | table | verify-pig``, and the commands of the live laboratory."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from evaluation.live_cli import add_live_commands
 from hilbrace.errors import InputError
 
 OUT = "evaluation"
@@ -45,6 +46,7 @@ def add_commands(parser: argparse.ArgumentParser) -> None:
         "files", type=Path, nargs="+", metavar="FILE.c3d", help="files with Plug-in Gait outputs"
     )
     verify.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    add_live_commands(commands, _command)
 
 
 def _command(commands: Any, name: str, action: Any, text: str, example: str) -> argparse.ArgumentParser:

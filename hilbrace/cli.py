@@ -101,6 +101,12 @@ def _parser(words: list[str]) -> argparse.ArgumentParser:
         commands, "doctor", _doctor, "versions, backends, threads and memory", "hilbrace doctor"
     )
     doctor.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    _cells_options(
+        _command(
+            commands, "cells", _cells, "the microstructures: how stiff they are, pictures, and cells of your own",
+            "hilbrace cells --out cells; hilbrace cells add my_cell.toml",
+        )
+    )  # fmt: skip
     _add_packages(commands, words[0] if words else "")
     return parser
 
@@ -213,6 +219,45 @@ def _doctor(options: argparse.Namespace) -> int:
     else:
         print_findings(findings)
     return 0 if findings["healthy"] else 1
+
+
+def _cells_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "cells",
+        nargs="*",
+        metavar="CELL",
+        help="built-in names or skeleton files (default: all built-in); 'add FILE.toml' homogenizes a skeleton"
+        " file of your own, once, and writes its table beside it",
+    )
+    command.add_argument(
+        "--volume", type=float, default=0.4, metavar="V", help="compare at this volume fraction (default: 0.4)"
+    )
+    command.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        default=Path("hilbrace-cells"),
+        help="folder of pictures and samples (default: hilbrace-cells)",
+    )
+    command.add_argument("--json", action="store_true", help="one JSON object on standard output")
+
+
+def _cells(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from hilbrace.material.cell_atlas import add_cell, atlas, atlas_text, chosen_cells
+    from hilbrace.run.progress import display
+
+    added, shown = chosen_cells(options.cells)
+    for path in added:
+        with display(Console(stderr=True, quiet=options.json), Path(path).stem) as progress:
+            add_cell(path, progress)
+    figures = atlas(shown, options.volume, options.out)
+    if options.json:
+        _print_json(figures)
+    else:
+        sys.stdout.write(atlas_text(figures))
+    return 0
 
 
 def _overrides(pairs: list[str]) -> dict[str, str]:

@@ -164,9 +164,22 @@ def _absolute(config: Config, folder: Path) -> Config:
     if biomech.model is not None:
         biomech = biomech.model_copy(update={"model": (folder / biomech.model).resolve()})
     domain = _absolute_paint(config.domain, folder)
+    material = _absolute_cells(config.material, folder)
     return config.model_copy(
-        update={"motion": motion.model_copy(update=moved), "biomech": biomech, "domain": domain}
+        update={
+            "motion": motion.model_copy(update=moved),
+            "biomech": biomech,
+            "domain": domain,
+            "material": material,
+        }
     )
+
+
+def _absolute_cells(material: MaterialSettings, folder: Path) -> MaterialSettings:
+    """Skeleton files of the microstructures, relative to the configuration's folder."""
+    cells = {"firm": material.firm, "soft": material.soft}
+    own = {key: str((folder / name).resolve()) for key, name in cells.items() if name.endswith(".toml")}
+    return material.model_copy(update=own)
 
 
 def _absolute_paint(domain: DomainSettings, folder: Path) -> DomainSettings:

@@ -12,6 +12,7 @@ Everything is plain arithmetic and works on numpy arrays and on torch tensors al
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass
 from functools import lru_cache
@@ -198,6 +199,17 @@ def load_table(name: str) -> dict[str, Any]:
     except (ValueError, KeyError, TypeError):
         what = "the table is damaged"
     raise InputError(what, where=str(path), hint=f"run `hilbrace cells add {name}`")
+
+
+def cell_digest(name: str) -> str:
+    """Digest of all that a run takes from a cell: its skeleton and its table.
+
+    Raises:
+        ConfigError: No cell has this name.
+        InputError: The user's cell has no table, a damaged one, or one of another drawing.
+    """
+    text = json.dumps(load_table(name), sort_keys=True)
+    return hashlib.sha256((read_skeleton(name).digest + text).encode()).hexdigest()
 
 
 def fit_monotone_cubic(d: Float[Array, " sample"], value: Float[Array, " sample"]) -> tuple[Cubic, float]:

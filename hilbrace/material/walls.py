@@ -5,7 +5,8 @@ one direction than in another, and all soft ones are far stiffer in bending and 
 their modulus (`hilbrace.material.wall_cell`). Here the tables' matrices are kept whole.
 
 Between samples, matrices are interpolated linearly in the design variable and in the logarithm of the wall's
-thickness over the side of a cell: a mean of positive definite matrices is positive definite.
+thickness over the side of a cell: a mean of positive definite matrices is positive definite. That costs up to
+three percent of the bending stiffness in the middle between two samples.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from rich.console import Console
 from hilbrace import __version__
 from hilbrace.config import Config, read_config
 from hilbrace.errors import InputError
+from hilbrace.material.curves import cell_digest, load_table
 from hilbrace.motion.trial_reader import recorded_files
 from hilbrace.pipeline.stage import Inputs, Stage
 from hilbrace.pipeline.stages import STAGES
@@ -41,6 +42,8 @@ def run_stages(config: Config, folder: Path, until: str = "report", quiet: bool 
         HilbraceError: What a stage raises; the stages before it keep their results.
     """
     torch.set_num_threads(1)  # the sums of several threads end in changing bits
+    for name in own_cells(config):
+        load_table(name)
     console = Console(stderr=True, quiet=quiet)
     with runs.locked(folder):
         manifest = runs.read_manifest(folder)
@@ -68,6 +71,8 @@ def stage_key(stage: Stage, config: Config, upstream: dict[str, str]) -> str:
     """Digest of all that a stage's result depends on."""
     sections = {name: getattr(config, name).model_dump(mode="json") for name in stage.sections}
     inputs = _input_digests(config) if "motion" in stage.sections else []
+    if "material" in stage.sections:
+        inputs += [cell_digest(name) for name in own_cells(config)]
     return runs.digest(
         __version__, stage.name, json.dumps([sections, upstream, inputs], sort_keys=True, default=str)
     )
@@ -129,6 +134,11 @@ def _input_digests(config: Config) -> list[str]:
     if config.motion.marker_map.endswith(".toml"):
         paths.append(Path(config.motion.marker_map))
     return [runs.file_digest(path) for path in paths]
+
+
+def own_cells(config: Config) -> list[str]:
+    """Skeleton files of cells that are not built in."""
+    return [name for name in (config.material.firm, config.material.soft) if name.endswith(".toml")]
 
 
 def _write_config(config: Config, folder: Path) -> None:

@@ -23,11 +23,12 @@ class PatternSettings(Section):
         "around the limb (lscm, slim), never narrower than min_strut_mm [mm]",
     )
     blend_mm: float = Field(default=30.0, gt=0, description="width of the transition from firm to soft [mm]")
-    resolution_mm: float = Field(
-        default=1.0,
+    resolution_mm: float | None = Field(
+        default=None,
         gt=0.1,
         lt=5,
-        description="longest edge of the refined surface, which is never longer than 0.55 min_strut_mm [mm]",
+        description="mean edge of the refined surface, at most 0.55 min_strut_mm; that, but no more than "
+        "1.0, if left out [mm]",
     )
 
 

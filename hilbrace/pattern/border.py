@@ -65,7 +65,7 @@ class Border:
             Distances [mm], segments, and the places themselves [mm].
         """
         count = min(4, len(self.start))
-        near = np.asarray(self.tree.query(points, k=count, workers=-1)[1]).reshape(len(points), -1)
+        near = np.asarray(self.tree.query(points, k=count, workers=-1)[1]).reshape(len(points), count)
         foot = _foot(points[:, None], self.start[near], self.end[near])
         distance = np.linalg.norm(points[:, None] - foot, axis=2)
         best = distance.argmin(axis=1)
@@ -138,7 +138,7 @@ def _facing_distance(edge: Border, normal: Float[Array, "segment 3"], reach_mm: 
     count = min(_NEIGHBOURS, len(edge.middle))
     _, near = edge.tree.query(edge.middle[asked], k=count, distance_upper_bound=reach_mm, workers=-1)
     place, column = np.nonzero(near < len(width))
-    place, other = asked[place], near[place, column]
+    place, other = asked[place], np.asarray(near)[place, column]
     away = edge.middle[other] - edge.middle[place]
     ahead = np.einsum("px,px->p", away, normal[place])
     likely = ahead > _NEAR_FACING * np.sqrt(np.einsum("px,px->p", away, away))

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
+import manifold3d
 import numpy as np
 from jaxtyping import Float
 
 from hilbrace.config import MaterialSettings, PatternSettings, SolidSettings
 from hilbrace.domain.domain import Domain
+from hilbrace.material.curves import load_microstructures
 from hilbrace.optimize.design import Design
+from hilbrace.pattern.axis import strut_axis
 from hilbrace.pattern.border import strut_widths
 from hilbrace.pattern.checks import is_watertight, measured_thickness, part_count, spread_sample
 from hilbrace.pattern.clip import cut_out, triangle_areas
-from hilbrace.pattern.implicit import blended_pattern
+from hilbrace.pattern.fields import local_widths, nearest_values, places_on
+from hilbrace.pattern.implicit import blended_pattern, vertex_map_length
+from hilbrace.pattern.inputs import check_cells, check_design, resolution
 from hilbrace.pattern.level import levelled
 from hilbrace.pattern.mend import mended
+from hilbrace.pattern.offset import offset_volume, safe_offset
 from hilbrace.pattern.pattern import Pattern, Solid
-from hilbrace.pattern.refine import refine, vertex_normals
+from hilbrace.pattern.refine import refine
 from hilbrace.pattern.thicken import border_edges, folded_triangles, manifold, simplify, surface, thicken
 
 Array = np.ndarray
 
-FINEST_STRUT = 0.55
-"""Longest mean edge of the refined skin, as a share of the least strut width: no edge jumps a strut [-]."""
 _REACH = 4.0
 _RAYS = 1000
 
@@ -42,18 +46,28 @@ def build_pattern(
         material: Names of the cells (default: those of the default configuration).
 
     Raises:
+        ConfigError: The cells do not fit on the brace, or the struts not in the cells.
+        InputError: The design holds values that are no numbers.
         GeometryError: The struts do not hang together.
     """
-    skin = refine(domain, min(settings.resolution_mm, FINEST_STRUT * settings.min_strut_mm))
+    check_design(domain, design)
+    material = material or MaterialSettings.model_validate({})
+    cells = load_microstructures(material.soft, material.firm)
+    check_cells(domain, design, cells, settings, vertex_map_length(domain))
+    skin = refine(domain, resolution(settings))
     areas = triangle_areas(skin.vertices, skin.triangles)
-    blended = blended_pattern(domain, design, skin, settings, material or MaterialSettings.model_validate({}))
+    blended = blended_pattern(domain, design, skin, settings, material)
     level = levelled(skin, blended, areas, design_fraction(domain, design), settings)
     done = mended(skin, level.depth, blended.rim_depth, areas, settings.min_strut_mm, settings.min_slit_mm)
     struts = cut_out(skin, done.line)
+    places = places_on(domain, struts.vertices)
     return Pattern(
         vertices=struts.vertices,
         normals=struts.normals,
         triangles=struts.triangles,
+        d=places.value(domain.cut_triangles, design.d_vertex),
+        firm=places.value(domain.triangles, design.firm_vertex),
+        strut_width_mm=local_widths(strut_axis(skin, done.line), struts.vertices),
         strut_width_min_mm=done.strut_mm,
         strut_width_median_mm=float(np.median(strut_widths(done.edge, _REACH * settings.min_strut_mm))),
         slit_width_min_mm=done.slit_mm,
@@ -79,15 +93,15 @@ def build_solid(
         GeometryError: The result is no closed body.
     """
     thickness = material.thickness_mm
-    thick = manifold(*thicken(pattern.vertices, pattern.normals, pattern.triangles, thickness))
-    body = simplify(thick, settings.simplify_mm)
+    offset = safe_offset(domain, thickness)
+    places = places_on(domain, pattern.vertices)
+    direction = places.value(domain.triangles, offset.direction)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    local = places.value(domain.triangles, offset.thickness)
+    points, faces = thicken(pattern.vertices, direction, pattern.triangles, local)
+    body = simplify(manifold(points, faces), settings.simplify_mm)
     vertices, triangles = surface(body)
-    on_border = np.isin(pattern.triangles, border_edges(pattern.triangles)).any(axis=1)
-    corners = pattern.triangles[~on_border]
-    corners = corners[spread_sample(len(corners), _RAYS)]
-    measured = measured_thickness(
-        body, pattern.vertices[corners].mean(axis=1), pattern.normals[corners].mean(axis=1), 2 * thickness
-    )
+    known = nearest_values(vertices, points) % len(pattern.vertices)
     return Solid(
         vertices=vertices,
         triangles=triangles,
@@ -98,9 +112,14 @@ def build_solid(
         watertight=is_watertight(triangles),
         manifold_status=body.status().name,
         genus=int(body.genus()),
-        expected_volume_mm3=expected_volume(domain, design, thickness),
-        thickness_p01_mm=float(np.percentile(measured, 1)),
-        folded_triangles=folded_triangles(pattern.vertices, pattern.normals, pattern.triangles, thickness),
+        expected_volume_mm3=offset_volume(domain, offset, _filled(design)),
+        thickness_p01_mm=float(np.percentile(_along_rays(body, pattern, direction, thickness), 1)),
+        thickness_min_mm=float(local.min()),
+        folded_triangles=folded_triangles(pattern.vertices, direction, pattern.triangles, local),
+        d=pattern.d[known],
+        label=(pattern.firm[known] > 0.5).astype(float),
+        strut_width_mm=pattern.strut_width_mm[known],
+        local_thickness_mm=local[known],
     )
 
 
@@ -112,8 +131,18 @@ def design_fraction(domain: Domain, design: Design) -> float:
 
 def expected_volume(domain: Domain, design: Design, thickness_mm: float) -> float:
     """Area of the mid-surface times volume fraction times thickness, summed over the domain [mm^3]."""
-    middle = domain.vertices + thickness_mm / 2 * vertex_normals(domain)
-    return float((triangle_areas(middle, domain.triangles) * _filled(design)).sum() * thickness_mm)
+    return offset_volume(domain, safe_offset(domain, thickness_mm), _filled(design))
+
+
+def _along_rays(
+    body: manifold3d.Manifold, pattern: Pattern, direction: Float[Array, "vertex 3"], thickness_mm: float
+) -> Float[Array, " ray"]:
+    """Thickness measured along rays through a sample of the inner face, its border left out [mm]."""
+    on_border = np.isin(pattern.triangles, border_edges(pattern.triangles)).any(axis=1)
+    corners = pattern.triangles[~on_border]
+    corners = corners[spread_sample(len(corners), _RAYS)]
+    towards = direction[corners].mean(axis=1)
+    return measured_thickness(body, pattern.vertices[corners].mean(axis=1), towards, 2 * thickness_mm)
 
 
 def _filled(design: Design) -> Float[Array, " triangle"]:

@@ -301,7 +301,7 @@ def _out_of_reach(
     free &= (side > 0) | ~np.tile(edge.outside[used], 2)
     distance, place = KDTree(places).query(skin.vertices[there], distance_upper_bound=4 * radius, workers=-1)
     doubtful = np.isfinite(distance)
-    doubtful[doubtful] = ~free[place[doubtful]]
+    doubtful[doubtful] = ~free[np.asarray(place)[doubtful]]
     near = there[doubtful]
     if not len(near) or not free.any():
         return near, np.full(len(near), radius)

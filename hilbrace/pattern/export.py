@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,23 +16,29 @@ from hilbrace.run.records import write_atomic
 Array = np.ndarray
 Vertices = Float[Array, "vertex 3"]
 Triangles = Int[Array, "triangle 3"]
+Fields = Mapping[str, Float[Array, " vertex"]]
 
 RUBBER_RGB = (0.16, 0.42, 0.60)
 """Colour of the brace in viewers [-]."""
 
 
-def write_surface(path: Path, vertices: Vertices, triangles: Triangles) -> None:
+def write_surface(path: Path, vertices: Vertices, triangles: Triangles, fields: Fields | None = None) -> None:
     """Write a surface in the format that the file's suffix names.
 
     Args:
         path: File ending in ``.stl``, ``.ply`` or ``.glb``.
         vertices: Positions [mm].
         triangles: Vertex indices, outward.
+        fields: Values at the vertices by name; only a PLY file takes them.
 
     Raises:
         InputError: Another suffix.
     """
-    writers = {".stl": stl_bytes, ".ply": ply_bytes, ".glb": glb_bytes}
+    writers = {
+        ".stl": stl_bytes,
+        ".ply": lambda points, corners: ply_bytes(points, corners, fields),
+        ".glb": glb_bytes,
+    }
     if path.suffix not in writers:
         raise InputError(
             f"cannot write '{path.suffix}' files", where=str(path), hint=f"use one of {', '.join(writers)}"
@@ -52,16 +59,40 @@ def stl_bytes(vertices: Vertices, triangles: Triangles) -> bytes:
     return b"hilbrace, millimetres".ljust(80) + struct.pack("<I", len(triangles)) + facets.tobytes()
 
 
-def ply_bytes(vertices: Vertices, triangles: Triangles) -> bytes:
-    """Binary little-endian PLY in mm, double precision."""
+def ply_bytes(vertices: Vertices, triangles: Triangles, fields: Fields | None = None) -> bytes:
+    """Binary little-endian PLY in mm, double precision.
+
+    Args:
+        vertices: Positions [mm].
+        triangles: Vertex indices, outward.
+        fields: Values at the vertices by name, each a ``float`` property. MeshLab lists them as attributes of
+            the vertices and colours a mesh by the one named ``quality``.
+
+    Raises:
+        InputError: A field has another number of values than there are vertices.
+    """
+    fields = fields or {}
+    for name, value in fields.items():
+        if len(value) != len(vertices):
+            raise InputError(
+                f"'{name}' has {len(value)} values for {len(vertices)} vertices",
+                where="PLY file",
+                hint="give one value for each vertex",
+            )
+    names = "".join(f"property float {name}\n" for name in fields)
     header = (
         "ply\nformat binary_little_endian 1.0\ncomment hilbrace, millimetres\n"
-        f"element vertex {len(vertices)}\nproperty double x\nproperty double y\nproperty double z\n"
+        f"element vertex {len(vertices)}\nproperty double x\nproperty double y\nproperty double z\n{names}"
         f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
+    kinds = [("place", "<f8", 3), *((name, "<f4") for name in fields)]
+    points = np.zeros(len(vertices), dtype=kinds)
+    points["place"] = vertices
+    for name, value in fields.items():
+        points[name] = value
     faces = np.zeros(len(triangles), dtype=[("count", "u1"), ("corners", "<i4", 3)])
     faces["count"], faces["corners"] = 3, triangles
-    return header.encode("ascii") + vertices.astype("<f8").tobytes() + faces.tobytes()
+    return header.encode("ascii") + points.tobytes() + faces.tobytes()
 
 
 def glb_bytes(vertices: Vertices, triangles: Triangles) -> bytes:

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from hilbrace.config import MaterialSettings, PatternSettings
@@ -101,7 +101,7 @@ def blended_pattern(
         least_width=minimum_width(settings.min_strut_mm, scale, length),
         firm=firm,
         cell_mm=scale / 2 * length,
-        rim_depth=np.maximum(settings.rim_mm - _loop_distance(skin), flat.strip_depth),
+        rim_depth=np.maximum(band_depth(domain, skin, settings.rim_mm), flat.strip_depth),
     )
 
 
@@ -112,10 +112,28 @@ def vertex_map_length(domain: Domain) -> Float[Array, " vertex"]:
     return np.bincount(corners, np.repeat(length, 3)) / np.bincount(corners)
 
 
-def _loop_distance(skin: RefinedSkin) -> Float[Array, " vertex"]:
-    """Distance of the vertices to the nearer loop, exact to the polylines near them [mm]."""
-    start, end = skin.vertices[skin.loop_edges[:, 0]], skin.vertices[skin.loop_edges[:, 1]]
-    _, near = KDTree((start + end) / 2).query(skin.vertices, k=3)
+def band_depth(domain: Domain, skin: RefinedSkin, width_mm: float) -> Float[Array, " vertex"]:
+    """Depth inside the solid bands along the ends of the brace and around its windows [mm].
+
+    Args:
+        domain: The design domain; bands take the widths that it gives them.
+        skin: Its refined mesh.
+        width_mm: Width of the other bands [mm].
+    """
+    loops = (domain.upper_loop, domain.lower_loop, *domain.window_loops)
+    own = domain.rims if len(domain.rims) else np.full(len(loops), np.nan)
+    depth = np.full(len(skin.vertices), -np.inf)
+    for number in range(int(skin.loop.max()) + 1):
+        edges = skin.loop_edges[skin.loop == number]
+        known = [w for loop, w in zip(loops, own, strict=True) if loop[0] in edges and not np.isnan(w)]
+        depth = np.maximum(depth, (known[0] if known else width_mm) - _line_distance(skin, edges))
+    return depth
+
+
+def _line_distance(skin: RefinedSkin, edges: Int[Array, "edge 2"]) -> Float[Array, " vertex"]:
+    """Distance of the vertices to a line of edges, exact to its segments near it [mm]."""
+    start, end = skin.vertices[edges[:, 0]], skin.vertices[edges[:, 1]]
+    _, near = KDTree((start + end) / 2).query(skin.vertices, k=3, workers=-1)
     a, b = start[near], end[near]
     along = b - a
     t = ((skin.vertices[:, None] - a) * along).sum(axis=2) / (along**2).sum(axis=2)

@@ -63,7 +63,7 @@ def levelled(
     Raises:
         GeometryError: The struts do not hang together.
     """
-    best, error = None, np.inf
+    best, error = Levelled(np.zeros(0), 0.0, 0), np.inf
     aims, errors = [share], []
     for _ in range(_ROUNDS):
         shift = _shift_for(skin, blended, areas, aims[-1])
@@ -77,7 +77,7 @@ def levelled(
         )
         depth, dropped = drop_islands(skin, depth, areas)
         errors.append(solid_fraction(skin, depth, areas) - share)
-        if best is None or abs(errors[-1]) < error:
+        if abs(errors[-1]) < error:
             best, error = Levelled(depth, shift, dropped), abs(errors[-1])
         if error <= FRACTION_TOLERANCE * share or abs(shift) >= 0.99 * LEVEL_LIMIT:
             break

@@ -82,6 +82,7 @@ def mended(
         GeometryError: Some places resist.
     """
     line, islands, zone = zero_line(skin, depth), 0, EVERYWHERE
+    narrow = tight = np.zeros((0, 3))
     for extra in range(1, _ROUNDS + 1):
         edge = border(skin, line, hole_numbers(skin, line))
         struts, slits = _measured(edge, strut_mm, slit_mm, zone)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Int
 
 Array = np.ndarray
+
+
+def _nowhere() -> Float[Array, "0"]:
+    return np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -18,6 +22,9 @@ class Pattern:
         vertices: Positions on the skin [mm].
         normals: Outward unit normals, interpolated from the smooth skin [-].
         triangles: Triangles of the struts, outward.
+        d: Design variable at the vertices, in [0, 1] [-].
+        firm: Firm fraction there, 0 soft to 1 firm [-].
+        strut_width_mm: Width of the strut there [mm]: the largest disc in the strut that holds the vertex.
         strut_width_min_mm: Narrowest strut left [mm], at most 2.5 times the least one.
         strut_width_median_mm: Median strut width [mm].
         slit_width_min_mm: Narrowest slit left [mm], at most 2.5 times the least one.
@@ -29,6 +36,9 @@ class Pattern:
     vertices: Float[Array, "vertex 3"]
     normals: Float[Array, "vertex 3"]
     triangles: Int[Array, "triangle 3"]
+    d: Float[Array, " vertex"]
+    firm: Float[Array, " vertex"]
+    strut_width_mm: Float[Array, " vertex"]
     strut_width_min_mm: float
     strut_width_median_mm: float
     slit_width_min_mm: float
@@ -52,8 +62,14 @@ class Solid:
         manifold_status: Status that manifold3d gives, ``"NoError"`` when sound.
         genus: Number of handles.
         expected_volume_mm3: Mid-surface area times volume fraction times thickness [mm^3].
-        thickness_p01_mm: First percentile of the measured thickness [mm].
+        thickness_p01_mm: First percentile of the thickness measured along rays [mm].
+        thickness_min_mm: Least thickness of the offset; below the nominal one where the skin bends inwards
+            so much that the outer face would fold [mm].
         folded_triangles: Outer triangles turned against their inner ones by the offset.
+        d: Design variable at the vertices, in [0, 1] [-].
+        label: Microstructure there, 1 firm and 0 soft.
+        strut_width_mm: Width of the strut there [mm].
+        local_thickness_mm: Thickness there [mm].
     """
 
     vertices: Float[Array, "vertex 3"]
@@ -68,3 +84,18 @@ class Solid:
     expected_volume_mm3: float
     thickness_p01_mm: float
     folded_triangles: int
+    thickness_min_mm: float = 0.0
+    d: Float[Array, " place"] = field(default_factory=_nowhere)
+    label: Float[Array, " place"] = field(default_factory=_nowhere)
+    strut_width_mm: Float[Array, " place"] = field(default_factory=_nowhere)
+    local_thickness_mm: Float[Array, " place"] = field(default_factory=_nowhere)
+
+    @property
+    def fields(self) -> dict[str, Float[Array, " place"]]:
+        """What is known at each vertex, by the name it has in files."""
+        return {
+            "d": self.d,
+            "label": self.label,
+            "strut_width_mm": self.strut_width_mm,
+            "thickness_mm": self.local_thickness_mm,
+        }

@@ -139,7 +139,9 @@ def _other_side(
         return to_mean[k] + turn[k] * (z - at_mean[k]) + miss[k]
 
     moved = (1 - t) * seen_from(piece) + t * seen_from(piece + 1)
-    return np.stack([moved.real, moved.imag], axis=1), fine + (1 - t) * step[piece] + t * step[piece + 1]
+    return np.stack([np.real(moved), np.imag(moved)], axis=1), fine + (1 - t) * step[piece] + t * step[
+        piece + 1
+    ]
 
 
 def _nearest(
@@ -147,8 +149,8 @@ def _nearest(
 ) -> tuple[Int[Array, " place"], Float[Array, " place"]]:
     """Nearest piece of a polyline, and where on it, from 0 to 1."""
     start, along = line[:-1], np.diff(line, axis=0)
-    _, near = KDTree(start + along / 2).query(points, k=min(4, len(start)))
-    near = np.asarray(near).reshape(len(points), -1)
+    count = min(4, len(start))
+    near = np.asarray(KDTree(start + along / 2).query(points, k=count)[1]).reshape(len(points), count)
     away = points[:, None] - start[near]
     t = np.clip((away * along[near]).sum(axis=2) / (along[near] ** 2).sum(axis=2), 0, 1)
     best = np.linalg.norm(away - t[..., None] * along[near], axis=2).argmin(axis=1)

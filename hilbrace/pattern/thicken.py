@@ -15,7 +15,7 @@ def thicken(
     vertices: Float[Array, "vertex 3"],
     normals: Float[Array, "vertex 3"],
     triangles: Int[Array, "triangle 3"],
-    thickness_mm: float,
+    thickness_mm: float | Float[Array, " vertex"],
 ) -> tuple[Float[Array, "point 3"], Int[Array, "face 3"]]:
     """Offset a surface outwards and close it; the inner face stays on the skin.
 
@@ -23,7 +23,7 @@ def thicken(
         vertices: Positions on the skin [mm].
         normals: Outward unit normals there; smooth, so that the outer face has no steps.
         triangles: Vertex indices, outward.
-        thickness_mm: Distance of the outer face [mm].
+        thickness_mm: Distance of the outer face [mm], everywhere or at each vertex.
 
     Returns:
         Vertices (inner ones first, then the outer ones in the same order) and outward triangles.
@@ -31,7 +31,7 @@ def thicken(
     count = len(vertices)
     a, b = border_edges(triangles).T
     walls = np.concatenate([np.stack([a, b, b + count], axis=1), np.stack([a, b + count, a + count], axis=1)])
-    points = np.concatenate([vertices, vertices + thickness_mm * normals])
+    points = np.concatenate([vertices, vertices + np.reshape(thickness_mm, (-1, 1)) * normals])
     return points, np.concatenate([triangles[:, ::-1], triangles + count, walls])
 
 
@@ -47,10 +47,10 @@ def folded_triangles(
     vertices: Float[Array, "vertex 3"],
     normals: Float[Array, "vertex 3"],
     triangles: Int[Array, "triangle 3"],
-    thickness_mm: float,
+    thickness_mm: float | Float[Array, " vertex"],
 ) -> int:
     """Triangles that the offset turns over: the skin is more concave there than the thickness allows."""
-    inner, outer = vertices[triangles], (vertices + thickness_mm * normals)[triangles]
+    inner, outer = vertices[triangles], (vertices + np.reshape(thickness_mm, (-1, 1)) * normals)[triangles]
     turn = np.cross(inner[:, 1] - inner[:, 0], inner[:, 2] - inner[:, 0])
     turned = np.cross(outer[:, 1] - outer[:, 0], outer[:, 2] - outer[:, 0])
     return int(((turn * turned).sum(axis=1) <= 0).sum())
@@ -72,7 +72,7 @@ def manifold(vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle
         raise GeometryError(
             f"the thickened brace is no closed body: {body.status().name}",
             where="solid",
-            hint="raise pattern.resolution_mm a little or lower material.thickness_mm",
+            hint="change pattern.resolution_mm a little or lower material.thickness_mm",
         )
     return body
 

@@ -22,7 +22,7 @@ from tests.unit.sleeve import sleeve_design, sleeve_domain
 
 DOMAIN = sleeve_domain(around=48, along=20, height_mm=160.0)
 SETTINGS = PatternSettings.model_validate(
-    {"resolution_mm": 1.2, "min_strut_mm": 2.0, "scale": 0.1, "blend_mm": 25.0}
+    {"resolution_mm": 1.1, "min_strut_mm": 2.0, "scale": 0.1, "blend_mm": 25.0}
 )
 MATERIAL = MaterialSettings.model_validate({})
 SOLID = SolidSettings.model_validate({})
@@ -119,7 +119,7 @@ def test_stl_of_the_solid_reads_back_closed(solid):
 )
 def test_other_designs_and_the_free_seam_give_one_body(flatten, firm, d):
     domain = sleeve_domain(around=40, along=14, height_mm=110.0, flatten=flatten)
-    settings = SETTINGS.model_copy(update={"resolution_mm": 1.5, "min_strut_mm": 2.5})
+    settings = SETTINGS.model_copy(update={"resolution_mm": 1.375, "min_strut_mm": 2.5})
     design = sleeve_design(domain, settings, d=d, firm=firm)
     made = build_pattern(domain, design, settings, MATERIAL)
     body = build_solid(made, domain, design, MATERIAL, SOLID)

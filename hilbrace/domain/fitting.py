@@ -25,8 +25,11 @@ from hilbrace.errors import ConfigError, GeometryError
 
 Array = np.ndarray
 
-_STEEPEST = 0.3
+_STEEPEST = 0.5
 """Least cosine of the angle by which a triangle may be turned when the surface is moved [-]."""
+
+_REACHED = 0.7
+"""Share of its height that a relief must reach somewhere on the sleeve [-]."""
 
 _LEVELS = 64
 """Level lines whose centres make up the axis of a sleeve."""
@@ -119,6 +122,12 @@ def relieve(region: Surface, skin: Surface, reliefs: Sequence[Relief]) -> Surfac
     """
     for relief in reliefs:
         share = _carried(skin, relief.share[:, None], region.vertices)
+        if share.max() < _REACHED:
+            raise GeometryError(
+                "the relief lies outside the sleeve, or is too small for its mesh",
+                where=relief.key,
+                hint="move it, raise its radius_mm, or ask for more triangles (domain.triangles)",
+            )
         normals = np.asarray(igl.per_vertex_normals(region.vertices, region.triangles))
         moved = Surface(region.vertices + relief.height_mm * share * normals, region.triangles)
         _check_folds(

@@ -61,6 +61,12 @@ def turns_about(loop: Float[Array, "point 3"], limb: Limb) -> int:
     return round(float(np.sum((step + np.pi) % (2.0 * np.pi) - np.pi) / (2.0 * np.pi)))
 
 
+def enclosed_area(surface: Surface, loop: Int[Array, " corner"]) -> float:
+    """Length of the vector area of a closed line of vertices [mm^2]."""
+    corners = surface.vertices[loop] - surface.vertices[loop].mean(axis=0)
+    return float(0.5 * np.linalg.norm(np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0)))
+
+
 def loop_length(surface: Surface, loop: Int[Array, " corner"]) -> float:
     """Length of a closed line of vertices [mm]."""
     points = surface.vertices[loop]

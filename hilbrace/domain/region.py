@@ -23,7 +23,7 @@ _SNAP = 0.1
 _SNAP_PAINT = 0.2
 """The same along the edges of the mesh at the border of paint [-]."""
 
-_ROUND = {"knee": 1.8, "ankle": 2.3}
+_ROUND = {"knee": 1.8, "ankle": 2.6}
 """Cross-sections that a brace ends at are less elongated than this; those of foot or toes more [-]."""
 
 _MARGIN = 3.0
@@ -183,6 +183,14 @@ def _check_annulus(region: Surface, limb: Limb, edges: tuple[Edge, Edge]) -> Non
     loops = [region.vertices[loop] for loop in open_loops(region)]
     on_edge = [[loop for loop in loops if np.abs(loop @ e.normal - e.offset).max() < 1e-6] for e in edges]
     holes = len(loops) - sum(len(found) for found in on_edge)
+    for edge in edges:
+        on_plane = [np.abs(loop @ edge.normal - edge.offset) < 1e-6 for loop in loops]
+        if any(part.any() and not part.all() for part in on_plane):
+            raise GeometryError(
+                "the edge of the region runs into the other edge, or off the skin",
+                where=edge.key,
+                hint=f"move {edge.key} further from the joint, or onto the scanned skin",
+            )
     if holes:
         raise GeometryError(
             f"the skin has {holes} hole(s) or open end(s) in the braced region",

@@ -76,7 +76,7 @@ def mesh_sleeve(body: Body, limb: Limb, settings: DomainSettings) -> Fit:
     region = _region(skin, limb, order, settings)
     region = relieve(region, skin, find_reliefs(skin, limb, order, settings.reliefs))
     fit = compress(region, loops_of(region, limb), settings.compression_percent)
-    opened = open_windows(region, limb, find_windows(skin, limb, settings.windows))
+    opened = open_windows(region, limb, find_windows(skin, limb, region, settings.windows))
     if settings.compression_percent == 0.0:
         mesh = remesh(opened, settings.triangles)
         return Fit(mesh, mesh.vertices)

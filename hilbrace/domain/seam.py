@@ -92,6 +92,7 @@ def _check_windows(surface: Surface, limb: Limb, loops: Loops, azimuth_deg: floa
         middle = float(np.angle(np.exp(1j * azimuth).mean()))
         turn = np.angle(np.exp(1j * (azimuth - middle)))
         margin = edge / float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
+        middle = middle if middle > -np.pi / 2.0 else middle + 2.0 * np.pi
         low, high = np.degrees([middle + turn.min() - margin, middle + turn.max() + margin])
         if (azimuth_deg - low) % 360.0 <= high - low:
             raise GeometryError(

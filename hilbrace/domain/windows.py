@@ -13,7 +13,7 @@ from hilbrace.config.domain import WindowSettings
 from hilbrace.domain.isoline import cut_by_levels, mesh_edges
 from hilbrace.domain.landmarks import find_landmark
 from hilbrace.domain.limb import Limb, Surface
-from hilbrace.domain.loops import Loops, loops_of
+from hilbrace.domain.loops import Loops, enclosed_area, loops_of
 from hilbrace.errors import ConfigError, GeometryError
 
 Array = np.ndarray
@@ -23,6 +23,13 @@ PATELLA_MM = (52.0, 64.0)
 
 HEEL_SHARE = (0.30, 0.38)
 """Width and height of the open heel, in lengths of the foot before the ankle [-]."""
+
+HEEL_OF_END = 3.4
+"""The same length is taken to be at most so many square roots of the area that the lower end encloses, so
+that the heel of a flat foot is not opened as wide as the sleeve itself [-]."""
+
+_LARGEST = 0.75
+"""Largest area that a window may enclose, of what the smaller end of the sleeve does [-]."""
 
 _SNAP = 0.2
 """Vertices nearer to the edge of a window than this share of an edge move onto it [-]."""
@@ -59,12 +66,15 @@ class Window:
         return (np.linalg.norm(scaled, axis=1) - 1.0) * float(self.radii.min())
 
 
-def find_windows(skin: Surface, limb: Limb, wanted: Sequence[WindowSettings] | None) -> tuple[Window, ...]:
+def find_windows(
+    skin: Surface, limb: Limb, region: Surface, wanted: Sequence[WindowSettings] | None
+) -> tuple[Window, ...]:
     """The windows that a configuration asks for; where it says nothing, none at the knee and the open heel.
 
     Args:
         skin: The skin in limb axes [mm].
         limb: Axes of the limb.
+        region: The sleeve that they are to be opened in [mm].
         wanted: ``domain.windows``.
 
     Raises:
@@ -73,8 +83,12 @@ def find_windows(skin: Surface, limb: Limb, wanted: Sequence[WindowSettings] | N
     """
     if wanted is None:
         wanted = (WindowSettings(at="heel"),) if limb.name == "ankle" else ()
+    end = enclosed_area(region, loops_of(region, limb).lower)
+    reach = min(float(limb.lower @ limb.distal), HEEL_OF_END * float(np.sqrt(end)))
+    usual = {"patella": PATELLA_MM, "heel": (HEEL_SHARE[0] * reach, HEEL_SHARE[1] * reach)}
     return tuple(
-        _window(skin, limb, window, f"domain.windows[{number}]") for number, window in enumerate(wanted)
+        _window(skin, limb, window, usual.get(window.at, (None, None)), f"domain.windows[{number}]")
+        for number, window in enumerate(wanted)
     )
 
 
@@ -91,7 +105,9 @@ def open_windows(region: Surface, limb: Limb, windows: Sequence[Window]) -> Surf
     """
     edges, _ = mesh_edges(region.triangles)
     margin = float(np.median(np.linalg.norm(np.diff(region.vertices[edges], axis=1), axis=-1)))
-    _check_apart(region, loops_of(region, limb), windows, margin)
+    ends = loops_of(region, limb)
+    _check_apart(region, ends, windows, margin)
+    smaller = min(enclosed_area(region, loop) for loop in (ends.upper, ends.lower))
     for window in windows:
         before = igl.euler_characteristic(region.triangles)
         levels = -window.levels(region.vertices)
@@ -102,6 +118,14 @@ def open_windows(region: Surface, limb: Limb, windows: Sequence[Window]) -> Surf
                 f"the window at the {window.title} is no single hole in the skin",
                 where=window.key,
                 hint="make the window smaller or larger: it meets the skin in several places, or nowhere",
+            )
+        largest = max(enclosed_area(region, loop) for loop in loops_of(region, limb).windows)
+        if largest > _LARGEST * smaller:
+            raise GeometryError(
+                f"the window at the {window.title} encloses {largest:.0f} mm^2 and an end of the sleeve "
+                f"{smaller:.0f} mm^2: it is no window any more",
+                where=window.key,
+                hint="make the window smaller",
             )
     return region
 
@@ -127,11 +151,12 @@ def _check_apart(region: Surface, ends: Loops, windows: Sequence[Window], margin
         taken |= inside
 
 
-def _window(skin: Surface, limb: Limb, wanted: WindowSettings, key: str) -> Window:
+def _window(
+    skin: Surface, limb: Limb, wanted: WindowSettings, usual: tuple[float | None, float | None], key: str
+) -> Window:
     landmark = find_landmark(skin, limb, wanted.at, f"{key}.at")
-    sizes = _default_size(limb, wanted.at)
-    width = sizes[0] if wanted.width_mm is None else wanted.width_mm
-    height = sizes[1] if wanted.height_mm is None else wanted.height_mm
+    width = usual[0] if wanted.width_mm is None else wanted.width_mm
+    height = usual[1] if wanted.height_mm is None else wanted.height_mm
     if width is None or height is None:
         raise ConfigError(
             f"a window at the {wanted.at} has no usual size",
@@ -141,13 +166,3 @@ def _window(skin: Surface, limb: Limb, wanted: WindowSettings, key: str) -> Wind
     axes = np.stack([np.cross(landmark.upward, landmark.outward), landmark.upward, landmark.outward])
     radii = np.array([width, height, max(width, height)]) / 2.0
     return Window(landmark.name, key, landmark.position, axes, radii)
-
-
-def _default_size(limb: Limb, name: str) -> tuple[float | None, float | None]:
-    """Usual width and height of a window [mm]."""
-    if name == "patella":
-        return PATELLA_MM
-    if name == "heel":
-        reach = float(limb.lower @ limb.distal)
-        return HEEL_SHARE[0] * reach, HEEL_SHARE[1] * reach
-    return None, None

@@ -82,8 +82,8 @@ def _draw(records: dict[str, Any]) -> dict[str, Figure]:
         "losses": figures.losses(design),
         "stiffness": figures.stiffness(design, joint),
         "predicted_change": figures.predicted_change(domain, design),
-        "solid": figures.solid(records["solid"], joint),
-        "brace_on_body": figures.brace_on_body(records["solid"], body, joint),
+        "solid": figures.solid(records["solid"], domain),
+        "brace_on_body": figures.brace_on_body(records["solid"], body, domain),
     }
 
 

@@ -7,6 +7,7 @@ import matplotlib
 matplotlib.use("Agg")
 
 import numpy as np
+import trimesh
 from jaxtyping import Bool, Float, Int
 from matplotlib import colormaps
 from matplotlib.axes import Axes
@@ -14,6 +15,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
+from scipy.spatial import KDTree
 
 from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.body.body import Body
@@ -216,14 +218,16 @@ def predicted_change(domain: Domain, design: Design) -> Figure:
     return figure
 
 
-def solid(brace: Solid, joint: str) -> Figure:
+def solid(brace: Solid, domain: Domain) -> Figure:
     """The solid from four sides, the far half left out so that the pattern can be seen."""
-    return _four_sides(brace.vertices, brace.triangles, BRACE, joint, near_only=True)
+    outward = _outward(brace, domain)
+    return _four_sides(brace.vertices, brace.triangles, BRACE, domain.joint, outward)
 
 
-def brace_on_body(brace: Solid, body: Body, joint: str) -> Figure:
-    """The solid on the standing body, the whole figure and the braced knee from front and back."""
+def brace_on_body(brace: Solid, body: Body, domain: Domain) -> Figure:
+    """The solid on the standing body, the whole figure and the braced joint from front and back."""
     figure = Figure(figsize=(8.6, 4.6), layout="constrained")
+    joint, outward = domain.joint, _outward(brace, domain)
     centre = body.joint_centres[body.joint_names.index(joint)]
     skin = (body.vertices - centre) * MM_PER_M
     outer = 0.8 if joint.endswith("_r") else -0.8
@@ -231,24 +235,24 @@ def brace_on_body(brace: Solid, body: Body, joint: str) -> Figure:
     for place, (towards, reach) in enumerate(((front, None), (front, 330.0), (back, 330.0))):
         axes = figure.add_subplot(1, 3, place + 1)
         paint(axes, skin, body.triangles, SKIN, towards)
-        near = _near_side(brace.vertices, brace.triangles, towards)
-        paint(axes, brace.vertices, brace.triangles[near], BRACE, towards)
+        paint(axes, brace.vertices, brace.triangles[_near_side(outward, towards)], BRACE, towards)
         if reach is not None:
             axes.set(xlim=(-0.7 * reach, 0.7 * reach), ylim=(-reach, reach))
     return figure
 
 
+def _outward(brace: Solid, domain: Domain) -> Float[Array, "triangle 3"]:
+    """Outward normal of the limb under each triangle of the solid [-]."""
+    limb = trimesh.Trimesh(domain.vertices, domain.triangles, process=False)
+    _, below = KDTree(domain.vertices).query(brace.vertices[brace.triangles].mean(axis=1))
+    return limb.vertex_normals[below]
+
+
 def _near_side(
-    vertices: Float[Array, "vertex 3"],
-    triangles: Int[Array, "triangle 3"],
-    towards: tuple[float, float, float],
+    outward: Float[Array, "triangle 3"], towards: tuple[float, float, float]
 ) -> Bool[Array, " triangle"]:
-    """Triangles on the camera's side of the limb's axis; the leg hides the others."""
-    middle = vertices[triangles].mean(axis=1)
-    level = ((middle[:, 1] - middle[:, 1].min()) / 20.0).astype(int)
-    count = np.bincount(level).clip(1)
-    axis = np.stack([np.bincount(level, middle[:, k]) / count for k in range(3)], axis=1)
-    return (middle - axis[level]) @ screen_axes(towards)[2] > 0.0
+    """Triangles on the camera's side of the limb, which hides the others."""
+    return outward @ screen_axes(towards)[2] > 0.0
 
 
 def _four_sides(
@@ -256,14 +260,15 @@ def _four_sides(
     triangles: Int[Array, "triangle 3"],
     colours: Colours,
     joint: str,
-    near_only: bool = False,
+    outward: Float[Array, "triangle 3"] | None = None,
 ) -> Figure:
+    """The same from front, lateral, back and medial; only the near side where ``outward`` tells it."""
     outer, inner = (RIGHT, LEFT) if joint.endswith("_r") else (LEFT, RIGHT)
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     views = (("front", FRONT), ("lateral", outer), ("back", BACK), ("medial", inner))
     for place, (name, towards) in enumerate(views):
         axes = figure.add_subplot(1, 4, place + 1)
-        shown = triangles[_near_side(vertices, triangles, towards)] if near_only else triangles
+        shown = triangles if outward is None else triangles[_near_side(outward, towards)]
         paint(axes, vertices, shown, colours, towards)
         axes.set_title(name, fontsize=9, color=INK)
     return figure

@@ -9,6 +9,7 @@ from hilbrace.body import fit
 from hilbrace.body.anny_lite import load_anny_lite
 from hilbrace.body.body import Body, NeutralSkin
 from hilbrace.body.mesh import mesh_skin
+from hilbrace.body.mesh_joints import height_of_leg
 from hilbrace.body.model import BodyModel
 from hilbrace.body.neutral import joint_distances, place
 from hilbrace.body.segments import BONES, JOINTS, skeleton_joints
@@ -120,11 +121,12 @@ def body_of(
     else:
         lengths = {**fit.target_figures(target), **(breadths or {})}
         skin = fitted_skin(_model(settings), target, lengths, (mass_kg, height_m), settings)
+    leg = float(np.linalg.norm(target["hip_r"] - target["ankle_r"]))
     height = skin.height_m
     return Body(
         model=skin.model,
         mass_kg=mass_kg,
-        height_m=height_m if height_m > 0.0 else height,
+        height_m=height_m if height_m > 0.0 else height or height_of_leg(leg),
         scaled_bodies=tuple(scales),
         segment_scales=np.stack([np.asarray(scale, dtype=float) for scale in scales.values()]),
         shape=skin.shape,

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from hilbrace.body.body import NeutralSkin
 from hilbrace.body.mesh_file import MeshSurface, read_mesh
-from hilbrace.body.mesh_joints import ANKLE_HEIGHT, HIP_HEIGHT, SIDES, Joints, mesh_joints
+from hilbrace.body.mesh_joints import SIDES, Joints, mesh_joints
 from hilbrace.body.neutral import place
 from hilbrace.body.segments import BONES
 from hilbrace.body.skinning import smoothed_weights
@@ -62,7 +62,6 @@ def mesh_skin(target: Joints, height_m: float, settings: BodySettings) -> Neutra
         surface.vertices, surface.triangles, raw, settings.weight_smoothing_mm / MM_PER_M
     )
     vertices = place(joints, target).apply(surface.vertices, weights)
-    legs = float(np.linalg.norm(target["hip_r"] - target["ankle_r"]))
     return NeutralSkin(
         model="mesh",
         shape=np.zeros(0),
@@ -70,7 +69,7 @@ def mesh_skin(target: Joints, height_m: float, settings: BodySettings) -> Neutra
         triangles=surface.triangles,
         weights=weights,
         joints=joints,
-        height_m=float(np.ptp(vertices[:, 1])) if whole > 0.0 else legs / (HIP_HEIGHT - ANKLE_HEIGHT),
+        height_m=float(np.ptp(vertices[:, 1])) if whole > 0.0 else 0.0,
     )
 
 

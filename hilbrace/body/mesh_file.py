@@ -15,6 +15,7 @@ import trimesh
 from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
+from trimesh.exchange.stl import HeaderError
 
 from hilbrace.body.fit import enclosed_volume
 from hilbrace.config import BodySettings
@@ -26,11 +27,13 @@ Array = np.ndarray
 SUFFIXES = (".ply", ".obj", ".stl")
 LONGEST, SHORTEST = 2.5, 0.12
 """Lengths between which a body or a part of a leg lies [m]."""
-END = 0.15
-"""Part of the height at either end in which an open border counts as the end of the scan [-]."""
+END = 0.25
+"""Part of the height at either end in which an open border is the end of the scan and no hole [-]."""
 ISLAND = 0.05
 """Part of the area below which a loose part is no limb [-]."""
 
+_UNREADABLE = (ValueError, IndexError, KeyError, TypeError, OSError, ImportError, HeaderError)
+"""What the reader raises on files that are no meshes; it looks for a guesser of encodings, too."""
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -142,7 +145,7 @@ def load_triangles(path: Path) -> tuple[Float[Array, "vertex 3"], Int[Array, "tr
         raise InputError("no such file", where=str(path), hint="check body.model_file")
     try:
         loaded = trimesh.load(path, process=False, force="mesh", skip_materials=True)
-    except (ValueError, IndexError, KeyError, TypeError, OSError, trimesh.exchange.stl.HeaderError) as fault:
+    except _UNREADABLE as fault:
         raise InputError(
             f"no readable mesh: {fault}",
             where=str(path),
@@ -204,7 +207,8 @@ def _oriented(
             where=where,
             hint="repair the non-manifold edges in the program that made the mesh",
         )
-    turned = np.asarray(igl.bfs_orient(np.ascontiguousarray(triangles))[0])
+    turned = triangles.copy()
+    turned[:] = igl.bfs_orient(np.ascontiguousarray(triangles))[0]
     directed = turned[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     if len(np.unique(directed, axis=0)) < len(directed):
         raise GeometryError(
@@ -256,8 +260,8 @@ def _check_borders(
     margin = END * (high - low)
     holes = []
     for loop in loops:
-        height = vertices[loop][:, 1]
-        if height.min() < high - margin and height.max() > low + margin:
+        height = float(vertices[loop][:, 1].mean())
+        if low + margin < height < high - margin:
             holes.append(vertices[loop])
     if holes:
         widest = max(holes, key=lambda hole: float(np.ptp(hole, axis=0).max()))

@@ -46,6 +46,11 @@ class Section(NamedTuple):
     area: float
 
 
+def height_of_leg(hip_to_ankle: float) -> float:
+    """Height of a person whose hip and ankle centres are a distance apart [m]."""
+    return hip_to_ankle / (HIP_HEIGHT - ANKLE_HEIGHT)
+
+
 def landmark_joints(settings: BodySettings, surface: MeshSurface) -> Joints:
     """Joint centres that the landmarks tell [m]: given themselves, or half-way between both sides.
 
@@ -99,7 +104,7 @@ def mesh_joints(surface: MeshSurface, target: Joints, height_m: float, settings:
             for a, b in (("hip", "knee"), ("knee", "ankle"))
         )
         if not own.keys() & {"knee", "ankle"}:
-            height = height_m if height_m > 0.0 else (thigh + shank) / (HIP_HEIGHT - ANKLE_HEIGHT)
+            height = height_m if height_m > 0.0 else height_of_leg(thigh + shank)
             own["ankle"] = _ankle_above_sole(surface, height, side, len(sides))
         if "knee" not in own:
             own["knee"] = _middle_at(surface, own["ankle"], shank)
@@ -174,9 +179,17 @@ def _ankle_above_sole(surface: MeshSurface, height: float, side: str, legs: int)
         raise InputError(
             "the mesh does not end in a foot, so that nothing tells where the knee is",
             where=surface.where,
-            hint=f"set body.landmarks.knee_{side} (in the file's axes and unit), or mesh_up and mesh_forward",
+            hint=f"set body.landmarks.knee_{side} in the file's axes and unit, or mend body.mesh_units, "
+            "body.mesh_up and body.mesh_forward",
         )
-    return max(sections, key=lambda one: one.area).centre
+    ankle = max(sections, key=lambda one: one.area).centre
+    if foot[:, 0].max() - ankle[0] < ankle[0] - foot[:, 0].min():
+        raise InputError(
+            f"the toes of the mesh point backward (side {side})",
+            where=surface.where,
+            hint="turn body.mesh_forward round, or check body.mesh_up",
+        )
+    return ankle
 
 
 def _middle_at(surface: MeshSurface, known: Float[Array, " 3"], rise: float) -> Float[Array, " 3"]:

@@ -163,11 +163,15 @@ def _absolute(config: Config, folder: Path) -> Config:
     biomech = config.biomech
     if biomech.model is not None:
         biomech = biomech.model_copy(update={"model": (folder / biomech.model).resolve()})
+    body = config.body
+    if body.model_file is not None:
+        body = body.model_copy(update={"model_file": (folder / body.model_file).resolve()})
     domain = _absolute_paint(config.domain, folder)
     material = _absolute_cells(config.material, folder)
     return config.model_copy(
         update={
             "motion": motion.model_copy(update=moved),
+            "body": body,
             "biomech": biomech,
             "domain": domain,
             "material": material,

@@ -10,8 +10,8 @@ from jaxtyping import Float
 from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.body.body import Body
 from hilbrace.domain.deformation import deformation_gradients
-from hilbrace.domain.domain import Domain
 from hilbrace.domain.frames import pose_in_distal
+from hilbrace.domain.rest import RestDomain
 from hilbrace.errors import InputError
 
 Array = np.ndarray
@@ -58,11 +58,11 @@ def resampled(
     return even, np.stack([np.interp(even, time, column) for column in values.T], axis=1)
 
 
-def moving_domain(domain: Domain, body: Body, loads: JointLoads, rate_hz: float) -> MovingSurface:
-    """The design domain over the whole recording at a rate of one's own, by direct skinning.
+def moving_domain(rest: RestDomain, body: Body, loads: JointLoads, rate_hz: float) -> MovingSurface:
+    """The sleeve over the whole recording at a rate of one's own, by direct skinning.
 
     Args:
-        domain: The design domain.
+        rest: The sleeve at rest, see `hilbrace.domain.rest.rest_domain`; it moves as it is worn.
         body: The body that moves it.
         loads: The recording's coordinates.
         rate_hz: Frames per second.
@@ -72,5 +72,7 @@ def moving_domain(domain: Domain, body: Body, loads: JointLoads, rate_hz: float)
         GeometryError: The body's skin hangs on no bone below the joint.
     """
     time, coordinates = resampled(loads.time, loads.coordinates, rate_hz)
-    posed = pose_in_distal(domain.vertices, domain.joint, body, loads.coordinate_names, coordinates)
-    return MovingSurface(time, posed, deformation_gradients(domain.vertices, posed, domain.triangles))
+    posed = pose_in_distal(rest.worn, rest.joint, body, loads.coordinate_names, coordinates)
+    return MovingSurface(
+        time, posed, deformation_gradients(rest.surface.vertices, posed, rest.surface.triangles)
+    )

@@ -131,6 +131,8 @@ def _input_digests(config: Config) -> list[str]:
     paths = [*recorded_files(config.motion)]
     if config.biomech.model is not None:
         paths.append(config.biomech.model)
+    if config.body.model_file is not None:
+        paths.append(config.body.model_file)
     if config.motion.marker_map.endswith(".toml"):
         paths.append(Path(config.motion.marker_map))
     return [runs.file_digest(path) for path in paths]

@@ -15,9 +15,11 @@ from hilbrace.biomech.muscle_tables import write_muscle_tables
 from hilbrace.biomech.muscles import MOVED
 from hilbrace.body.body import Body
 from hilbrace.body.build import build_body
+from hilbrace.domain.animation import write_animation
 from hilbrace.domain.build import build_domain
 from hilbrace.domain.distortion import advice, map_distortion
 from hilbrace.domain.domain import Domain
+from hilbrace.domain.frame_report import report_frames, write_frame_report
 from hilbrace.errors import ConfigError
 from hilbrace.motion.marker_maps import read_marker_map
 from hilbrace.motion.synthetic import generate, write_recording
@@ -112,6 +114,10 @@ def domain(inputs: Inputs) -> Outcome:
     surface = inputs.folder / "domain.ply"
     write_surface(surface, record.vertices, record.triangles)
     distortion = map_distortion(record)
+    frames = report_frames(record.vertices, record.posed, record.triangles, record.deformation, record.time)
+    table, moving = inputs.folder / "frames.csv", inputs.folder / "motion.glb"
+    write_frame_report(frames, table)
+    write_animation(moving, record.vertices, record.triangles, record.posed, record.time)
     figures = {
         "joint": record.joint,
         "triangles": len(record.triangles),
@@ -119,9 +125,10 @@ def domain(inputs: Inputs) -> Outcome:
         "frames": len(record.time),
         "area_ratio_min": _rounded(np.linalg.det(record.deformation).min()),
         "area_ratio_max": _rounded(np.linalg.det(record.deformation).max()),
+        **frames.figures(),
         "notes": list(advice(distortion, record.flatten)),
     }
-    return Outcome(record, (surface,), {"domain": figures})
+    return Outcome(record, (surface, table, moving), {"domain": figures})
 
 
 def optimize(inputs: Inputs) -> Outcome:

@@ -51,6 +51,8 @@ def say(message: dict) -> None:
 def _until_gone(line: socket.socket, handle: Callable[[socket.socket], None]) -> None:
     try:
         handle(line)
+        # Another thread may still wait for this client: closing alone would keep the line open.
+        line.shutdown(socket.SHUT_RDWR)
     except OSError:
         pass
     finally:

@@ -311,10 +311,10 @@ def read_labelled(payload: bytes) -> tuple[Integer[Array, " marker"], Float[Arra
 
 
 def marker_key(
-    subject: Integer[Array, "..."] | int, marker: Integer[Array, "..."] | int
-) -> Integer[Array, "..."]:
+    subject: Integer[Array, " marker"], marker: Integer[Array, " marker"]
+) -> Integer[Array, " marker"]:
     """One number for a marker of a subject."""
-    return (np.asarray(subject, np.uint64) << np.uint64(32)) | np.asarray(marker, np.uint64)
+    return (subject.astype(np.uint64) << np.uint64(32)) | marker.astype(np.uint64)
 
 
 def read_block(payload: bytes) -> Block:

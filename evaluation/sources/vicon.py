@@ -124,13 +124,10 @@ class _Scene:
 
     def _name_markers(self, subjects: list[cgstream.Subject]) -> None:
         prefixed = len(subjects) > 1
-        markers = [
-            (int(cgstream.marker_key(subject.number, number)), f"{subject.name}:{name}" if prefixed else name)
-            for subject in subjects
-            for number, name in subject.markers.items()
-        ]
-        self.labels = tuple(name for _, name in markers)
-        keys = np.array([key for key, _ in markers], np.uint64)
+        markers = [(s, number, name) for s in subjects for number, name in s.markers.items()]
+        self.labels = tuple(f"{s.name}:{name}" if prefixed else name for s, _, name in markers)
+        numbers = np.array([(s.number, number) for s, number, _ in markers], np.uint64).reshape(-1, 2)
+        keys = cgstream.marker_key(numbers[:, 0], numbers[:, 1])
         self.columns = np.argsort(keys)
         self.keys = keys[self.columns]
 
@@ -150,7 +147,7 @@ class ViconSource:
         self._socket: socket.socket | None = None
         self._framer = cgstream.Framer()
         self._scene = _Scene()
-        self._reported = 0
+        self._reported = self._intact = 0
         self._waiting: list[Item] = []
 
     @property
@@ -170,7 +167,8 @@ class ViconSource:
             LabError: Nobody answers, something else than a DataStream answers, or no frame comes.
         """
         self.close()
-        self._framer, self._scene, self._reported, self._waiting = cgstream.Framer(), _Scene(), 0, []
+        self._framer, self._scene, self._waiting = cgstream.Framer(), _Scene(), []
+        self._reported = self._intact = 0
         self._socket = connect(self._host, self._port, self._patience, "a DataStream server")
         try:
             self._shake_hands(time.monotonic() + self._patience)
@@ -201,7 +199,10 @@ class ViconSource:
         while True:
             left = deadline - time.monotonic()
             packets, now = self._receive(max(left, 0.0))
-            items = [*self._damage(now), *(item for packet in packets for item in self._items(packet, now))]
+            items = [
+                *self._damage(packets, now),
+                *(item for packet in packets for item in self._items(packet, now)),
+            ]
             if items or left <= 0:
                 return items
 
@@ -299,18 +300,16 @@ class ViconSource:
         device = f"Vicon DataStream at {self.address}"
         return SourceInfo(self._name, device, scene.labels, 1.0 / scene.period_s, up, tuple(plates))
 
-    def _damage(self, now: int) -> list[Item]:
-        """Report bytes that belong to no packet."""
-        new = self._framer.skipped - self._reported
-        if not new:
-            return []
-        if new > LONGEST_NONSENSE:
-            raise LabError(
-                "the bytes that come are no DataStream", where=self.address, hint="restart the server"
-            )
-        self._reported = self._framer.skipped
+    def _damage(self, packets: list[Packet], now: int) -> list[Item]:
+        """Report bytes that belong to no packet; without a packet among many of them this is no DataStream."""
+        skipped = self._framer.skipped
+        new, self._reported = skipped - self._reported, skipped
+        if packets:
+            self._intact = skipped
+        if skipped - self._intact > LONGEST_NONSENSE:
+            raise LabError("what comes is no DataStream", where=self.address, hint="restart the server")
         text = f"{new} bytes that belong to no packet were discarded"
-        return [SourceEvent(self._name, "fault", now, math.nan, text)]
+        return [SourceEvent(self._name, "fault", now, math.nan, text)] if new else []
 
 
 def _plate_info(name: str, rate_hz: float, plate: cgstream.Plate) -> PlateInfo:

@@ -101,12 +101,12 @@ def _parser(words: list[str]) -> argparse.ArgumentParser:
         commands, "doctor", _doctor, "versions, backends, threads and memory", "hilbrace doctor"
     )
     doctor.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    _cells_options(
-        _command(
-            commands, "cells", _cells, "the microstructures: how stiff they are, pictures, and cells of your own",
-            "hilbrace cells --out cells; hilbrace cells add my_cell.toml",
-        )
-    )  # fmt: skip
+    cells = _command(
+            commands, "cells", _cells, "the microstructures: stiffness, pictures, and cells of your own",
+            "hilbrace cells --out cells; hilbrace cells add my_cell.toml; hilbrace cells coupon star --d 0.5; "
+            "hilbrace cells calibrate curve.csv",
+        )  # fmt: skip
+    _cells_options(cells, "".join(words[1:2]) if words[:1] == ["cells"] else "")
     _add_packages(commands, words[0] if words else "")
     return parser
 
@@ -221,16 +221,25 @@ def _doctor(options: argparse.Namespace) -> int:
     return 0 if findings["healthy"] else 1
 
 
-def _cells_options(command: argparse.ArgumentParser) -> None:
+def _cells_options(command: argparse.ArgumentParser, action: str) -> None:
+    if action in ("coupon", "calibrate"):
+        from hilbrace.pattern.coupon_command import add_options
+
+        command.set_defaults(command=_coupon)
+        add_options(command, action)
+        return
     command.add_argument(
         "cells",
         nargs="*",
         metavar="CELL",
-        help="built-in names or skeleton files (default: all built-in); 'add FILE.toml' homogenizes a skeleton"
-        " file of your own, once, and writes its table beside it",
+        help="built-in names or skeleton files (default: all built-in); 'add FILE.toml' homogenizes a"
+        " skeleton file of your own, once, and writes its table beside it",
     )
     command.add_argument(
-        "--volume", type=float, default=0.4, metavar="V", help="compare at this volume fraction (default: 0.4)"
+        "--pixels", type=int, default=128, metavar="N", help="pixels a side for 'add' (default: 128)"
+    )
+    command.add_argument(
+        "--volume", type=float, default=0.35, metavar="V", help="volume fraction to compare at (default: 0.35)"
     )
     command.add_argument(
         "--out",
@@ -251,12 +260,23 @@ def _cells(options: argparse.Namespace) -> int:
     added, shown = chosen_cells(options.cells)
     for path in added:
         with display(Console(stderr=True, quiet=options.json), Path(path).stem) as progress:
-            add_cell(path, progress)
+            add_cell(path, options.pixels, progress)
     figures = atlas(shown, options.volume, options.out)
     if options.json:
         _print_json(figures)
     else:
         sys.stdout.write(atlas_text(figures))
+    return 0
+
+
+def _coupon(options: argparse.Namespace) -> int:
+    from hilbrace.pattern.coupon_command import calibrated, coupon
+
+    figures, text = (coupon if options.action == "coupon" else calibrated)(options)
+    if options.json:
+        _print_json(figures)
+    else:
+        sys.stdout.write(text)
     return 0
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,11 +13,13 @@ from hilbrace.material.cell_figures import bounds_at, cell_samples, figures_of, 
 from hilbrace.material.cell_pictures import write_pictures
 from hilbrace.material.curves import table_path
 from hilbrace.material.skeleton_file import read_skeleton
-from hilbrace.material.tables import make_table, write_table
+from hilbrace.material.tables import PIXELS, make_table, write_table
 from hilbrace.run.progress import Report, silent
 from hilbrace.run.records import write_atomic
 
 ADD = "add"
+FEWEST_PIXELS, MOST_PIXELS = 16, 256
+"""Pixels per side of a cell; 256 take some ten minutes."""
 
 
 def chosen_cells(words: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -41,30 +44,34 @@ def chosen_cells(words: Sequence[str]) -> tuple[list[str], list[str]]:
     return added, [*CELLS, *added]
 
 
-def add_cell(path: str, progress: Report = silent) -> Path:
+def add_cell(path: str, pixels: int = PIXELS, progress: Report = silent) -> Path:
     """Homogenize a cell of one's own and write its table beside its skeleton file.
 
     Args:
         path: The skeleton file.
+        pixels: Pixels per side of the cell.
         progress: Called with (done, total).
 
     Returns:
         The table, ``my_cell.table.json`` beside ``my_cell.toml``.
 
     Raises:
+        ConfigError: Too few or too many pixels.
         InputError: The skeleton is broken, or the folder cannot be written.
     """
+    if not FEWEST_PIXELS <= pixels <= MOST_PIXELS:
+        raise ConfigError(
+            f"{pixels} pixels a side", where="--pixels", hint=f"from {FEWEST_PIXELS} to {MOST_PIXELS}"
+        )
     read_skeleton(path)
     target = table_path(path)
-    try:
-        target.touch()
-    except OSError as fault:
+    if not os.access(target.parent, os.W_OK):
         raise InputError(
-            fault.strerror or "cannot be written",
-            where=str(target),
+            "the folder cannot be written",
+            where=str(target.parent),
             hint="copy the skeleton file to a folder of your own: its table is written beside it",
-        ) from None
-    write_table(make_table(path, progress), target)
+        )
+    write_table(make_table(path, pixels, progress), target)
     return target
 
 
@@ -105,7 +112,20 @@ def atlas_text(figures: dict[str, Any]) -> str:
         figures: As `atlas` returns them.
     """
     volume = figures["bounds"]["volume"]
-    head = ("cell", "V range", "E mean", "E u", "E v", "E 45", "nu", "bend u", "bend v", "twist", "fit E")
+    head = (
+        "cell",
+        "V range",
+        "E mean",
+        "E u",
+        "E v",
+        "E 45",
+        "nu",
+        "nu u",
+        "bend u",
+        "bend v",
+        "twist",
+        "fit E",
+    )
     head = (*head, "fit V", "thin end", "rest", "grid")
     rows = [head, *(_row(cell) for cell in figures["cells"])]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -119,12 +139,13 @@ def atlas_text(figures: dict[str, Any]) -> str:
     bounds = figures["bounds"]
     voigt, isotropic = bounds["voigt"], bounds["hashin_shtrikman"]
     notes = [
-        f"E, nu: at volume fraction {volume:g}, over the modulus of the solid; '-' out of range.",
+        f"E, nu: at volume fraction {volume:g}, over the solid's modulus; means over all directions,",
+        "  and along u, v and between; '-' out of range.",
         f"  Bounds: {voigt:.4g} in any direction (Voigt), {isotropic:.4g} if isotropic (Hashin-Shtrikman).",
-        "bend, twist: bending over stretching, twist over shear stiffness; 1 is a solid sheet. Wall: 0.25 cells.",
+        "bend, twist: bending over stretching, twist over shear; 1 is a solid sheet. Wall: 0.25 cell sides.",
         "fit: mean squared error of the cubics through the samples.",
         "thin end, rest: largest relative error of the cubic of E in the thinner and the thicker half.",
-        "grid: change of E mean from 128 to 256 pixels a side.",
+        "grid: change of E mean at the middle of the range from 128 to 256 pixels a side.",
         "Order at equal volume; the paper has Voronoi stiffest and the sinusoidal grid softest:",
         *(f"  {sentence}." for sentence in figures["order"]),
     ]
@@ -135,15 +156,15 @@ def atlas_text(figures: dict[str, Any]) -> str:
 
 def _row(cell: dict[str, Any]) -> tuple[str, ...]:
     at = cell["at_volume"]
-    figures = ["-" if at[key] is None else f"{at[key]:.4f}" for key in ("E_mean", "E_1", "E_2", "E_45")] + [
-        "-" if at["nu"] is None else f"{at['nu']:.2f}"
-    ]
+    moduli = ["-" if at[key] is None else f"{at[key]:.4f}" for key in ("E_mean", "E_1", "E_2", "E_45")]
+    ratios = ["-" if at[key] is None else f"{at[key]:.2f}" for key in ("nu", "nu_12")]
     keys = ("bending_1_over_stretch", "bending_2_over_stretch", "twist_over_shear")
     bending = ["-" if at[key] is None else f"{at[key]:.1f}" for key in keys]
     return (
         cell["name"],
         f"{cell['volume_low']:.2f}-{cell['volume_high']:.2f}",
-        *figures,
+        *moduli,
+        *ratios,
         *bending,
         f"{cell['f_E_mean_squared_error']:.0e}",
         f"{cell['f_V_mean_squared_error']:.0e}",

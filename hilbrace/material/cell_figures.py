@@ -27,7 +27,18 @@ PAPERS_FIVE = ("voronoi_tri", "honeycomb", "star", "reentrant", "sinusoidal")
 
 
 SAMPLE_COLUMNS = (
-    *("cell", "d", "half_width_cell_sides", "volume_fraction", "E_mean", "E_1", "E_2", "E_45", "nu_mean"),
+    *(
+        "cell",
+        "d",
+        "half_width_cell_sides",
+        "volume_fraction",
+        "E_mean",
+        "E_1",
+        "E_2",
+        "E_45",
+        "nu_mean",
+        "nu_12",
+    ),
     *("C11", "C12", "C22", "C66", "E_fit", "V_fit", "voigt", "hashin_shtrikman"),
 )
 """Columns of `samples_csv`; all moduli over that of the solid."""
@@ -105,7 +116,7 @@ def figures_at(cell: CellSamples, volume: float, thickness: float = 0.25) -> dic
         Figures by name; ``None`` for all that the cell's range does not reach.
     """
     wall_keys = ("bending_1_over_stretch", "bending_2_over_stretch", "twist_over_shear")
-    keys = ("width", "E_mean", "E_1", "E_2", "E_45", "nu", "G", *wall_keys)
+    keys = ("width", "E_mean", "E_1", "E_2", "E_45", "nu", "nu_12", "G", *wall_keys)
     if not cell.volume[0] - 1e-6 <= volume <= cell.volume[-1] + 1e-6:
         return dict.fromkeys(keys)
     c = cell.stiffness_at(volume)
@@ -115,7 +126,7 @@ def figures_at(cell: CellSamples, volume: float, thickness: float = 0.25) -> dic
     wall = cell_walls(cell.name, np.clip(d, 0.0, 1.0), np.array([thickness]), cell.poisson)
     excess = np.diag(wall.bending[0]) / np.diag(wall.membrane[0])
     modulus = np.interp(volume, cell.volume, cell.modulus)
-    values = (width, modulus, first, second, diagonal, poisson_ratio(c), c[2, 2], *excess)
+    values = (width, modulus, first, second, diagonal, poisson_ratio(c), c[0, 1] / c[1, 1], c[2, 2], *excess)
     return {key: float(f"{value:.5g}") for key, value in zip(keys, values, strict=True)}
 
 
@@ -198,19 +209,26 @@ def order(cells: Sequence[CellSamples], measure: str = "E_mean") -> list[dict[st
 
 
 def papers_order(cells: Sequence[CellSamples]) -> list[str]:
-    """Sentences that say where the paper's order holds: Voronoi stiffest, sinusoidal grid softest."""
+    """Sentences that say where the paper's order holds: Voronoi stiffest, sinusoidal grid softest.
+
+    Volumes that no Voronoi cell or not the sinusoidal grid reaches say nothing and are left out.
+    """
     by_name = {cell.name: cell for cell in cells}
     sets = (("five cells like the paper's", PAPERS_FIVE), ("all cells listed", tuple(by_name)))
     sentences = []
     for title, names in sets:
         if not set(names) <= set(by_name) or PAPERS_SOFTEST not in names:
             continue
+        if not set(PAPERS_STIFFEST) & set(names):
+            continue
         for measure, called in (("E_mean", "mean modulus"), ("E_1", "modulus along u")):
             found = [
                 part
                 for part in order([by_name[name] for name in names], measure)
-                if PAPERS_SOFTEST in part["compared"]
+                if PAPERS_SOFTEST in part["compared"] and set(PAPERS_STIFFEST) & set(part["compared"])
             ]
+            if not found:
+                continue
             stiff = [part for part in found if part["stiffest"] not in PAPERS_STIFFEST]
             soft = [part for part in found if part["softest"] != PAPERS_SOFTEST]
             whole = f"V {found[0]['volume_low']:.2f} to {found[-1]['volume_high']:.2f}"
@@ -234,7 +252,7 @@ def samples_csv(cells: Sequence[CellSamples]) -> str:
             d = (width - cell.width[0]) / span
             along = directional_modulus(c, np.array([0.0, np.pi / 2, np.pi / 4]))
             entries = (c[0, 0], c[0, 1], c[1, 1], c[2, 2], cell.curves.modulus(d), cell.curves.volume(d))
-            row = (d, width, volume, modulus, *along, poisson_ratio(c), *entries)
+            row = (d, width, volume, modulus, *along, poisson_ratio(c), c[0, 1] / c[1, 1], *entries)
             bounds = voigt(volume), hashin_shtrikman(volume)
             writer.writerow([cell.name, *(f"{value:.7g}" for value in (*row, *bounds))])
     return text.getvalue()

@@ -27,6 +27,7 @@ SERIES = (
 )  # fmt: skip
 STROKES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
 DESIGN_VARIABLES = (0.0, 0.25, 0.5, 0.75, 1.0)
+_DOTS = 240
 
 
 def draw_cells(cells: Sequence[CellSamples], values: Sequence[float] = DESIGN_VARIABLES) -> Figure:
@@ -38,10 +39,10 @@ def draw_cells(cells: Sequence[CellSamples], values: Sequence[float] = DESIGN_VA
     """
     figure = Figure(figsize=(1.75 * len(values) + 1.3, 1.95 * len(cells)), layout="constrained")
     grid = figure.subplots(len(cells), len(values), squeeze=False)
-    ticks = (np.arange(400) + 0.5) / 400
+    ticks = (np.arange(_DOTS) + 0.5) / _DOTS
     u, v = (axis.ravel() for axis in np.meshgrid(ticks, ticks, indexing="xy"))
     for row, cell in zip(grid, cells, strict=True):
-        distance = cell_distance(cell.name, fold(u, 1.0), fold(v, 1.0)).reshape(400, 400)
+        distance = cell_distance(cell.name, fold(u, 1.0), fold(v, 1.0)).reshape(_DOTS, _DOTS)
         for axes, d in zip(row, values, strict=True):
             width = float(cell.curves.width(d))
             axes.contourf(ticks, ticks, distance, levels=[-1.0, width], colors=[SOLID])

@@ -42,14 +42,11 @@ PIXELS = 128
 POISSON = 0.45
 COLUMNS = ("width", "volume", "E_mean", "C11", "C22", "C12", "C66", "K11", "K22")
 
-WALL_PIXELS = 64
 WALL_LAYERS = 2
 """Elements through half of a wall."""
 WALL_SAMPLES = 9
 WALL_THICKNESS = (0.1, 0.2, 0.4, 0.8)
 """Thicknesses for which a wall is homogenized in three dimensions [cell sides]."""
-STUDY_PIXELS = (32, 64, 128, 256)
-WALL_STUDY_PIXELS = (32, 48, 64, 96)
 STUDY_THICKNESS = 0.2
 
 DEFAULT_RANGE = (0.10, 0.65)
@@ -94,7 +91,7 @@ def tabulate(
         for column, value in zip(columns.values(), row, strict=True):
             column.append(_rounded(value, 8))
         progress(done + 1, total)
-    wall_pixels = min(WALL_PIXELS, pixels // 2)
+    wall_pixels = pixels // 2
     walls: dict[str, Any] = {key: [[] for _ in WALL_THICKNESS] for key in ("membrane", "bending")}
     for done, width in enumerate(low + wall_d * (high - low)):
         sheet = homogenize(coverage(distance, width, pixels), poisson)
@@ -150,54 +147,57 @@ def wall_ratios(
     return coarse @ wall.membrane @ coarse, fine @ wall.bending @ fine
 
 
-def study(name: str, width: float, poisson: float = POISSON) -> dict[str, Any]:
+def study(name: str, width: float, pixels: int = PIXELS, poisson: float = POISSON) -> dict[str, Any]:
     """How the figures of one width change with the resolution.
 
     Args:
         name: Name of the cell, or path of its skeleton file.
         width: Half width of the struts [cell sides].
+        pixels: Pixels per side of the table; the study goes from a quarter of them to twice as many.
         poisson: Poisson's ratio of the base material [-].
 
     Returns:
         ``E_mean`` at ``pixels``, and the entries 11 and 66 of 12 D / (E t^3) at ``wall_pixels``.
     """
+    grids = [pixels // 4, pixels // 2, pixels, 2 * pixels]
+    wall_grids = [pixels // 4, 3 * pixels // 8, pixels // 2, 3 * pixels // 4]
     moduli = [
-        mean_modulus(homogenize(coverage(subpixel_distance(name, n), width, n), poisson))
-        for n in STUDY_PIXELS
+        mean_modulus(homogenize(coverage(subpixel_distance(name, n), width, n), poisson)) for n in grids
     ]
     walls = [
         homogenize_wall(
             coverage(subpixel_distance(name, n), width, n), poisson, STUDY_THICKNESS, WALL_LAYERS
         ).bending
-        for n in WALL_STUDY_PIXELS
+        for n in wall_grids
     ]
     return {
         "width": _rounded(width, 8),
-        "pixels": list(STUDY_PIXELS),
+        "pixels": grids,
         "E_mean": [_rounded(value, 6) for value in moduli],
         "wall_thickness": STUDY_THICKNESS,
-        "wall_pixels": list(WALL_STUDY_PIXELS),
+        "wall_pixels": wall_grids,
         "D11": [_rounded(bending[0, 0], 6) for bending in walls],
         "D66": [_rounded(bending[2, 2], 6) for bending in walls],
     }
 
 
-def make_table(name: str, progress: Report = silent) -> dict[str, Any]:
+def make_table(name: str, pixels: int = PIXELS, progress: Report = silent) -> dict[str, Any]:
     """The table of a cell as it ships: `tabulate`, and the `study` at the middle of its range.
 
     Args:
         name: Name of the cell, or path of its skeleton file.
+        pixels: Pixels per side of the cell.
         progress: Called with (done, total).
     """
-    table = tabulate(name, progress=progress)
+    table = tabulate(name, pixels, progress=progress)
     widths = table["columns"]["width"]
-    return {**table, "study": study(name, widths[len(widths) // 2], table["poisson"])}
+    return {**table, "study": study(name, widths[len(widths) // 2], pixels, table["poisson"])}
 
 
 def write_table(table: dict[str, Any], path: Path) -> None:
     """Write a table, each list of numbers on one line."""
     text = json.dumps(table, indent=1)
-    text = re.sub(r"\[[^\[\]{}]*\]", lambda numbers: " ".join(numbers[0].split()), text)
+    text = re.sub(r"\[[^\[\]{}]*\]", lambda numbers: f"[{' '.join(numbers[0][1:-1].split())}]", text)
     write_atomic(path, (text + "\n").encode())
 
 

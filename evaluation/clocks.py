@@ -174,4 +174,5 @@ def _touching(at: Float[Array, " window"], offset: Float[Array, " window"]) -> t
 
 def _is_above(at: Float[Array, " window"], offset: Float[Array, " window"], a: int, b: int, c: int) -> bool:
     """Point b lies on or above the line from a to c."""
-    return (at[b] - at[a]) * (offset[c] - offset[a]) <= (offset[b] - offset[a]) * (at[c] - at[a])
+    rise, run = offset[b] - offset[a], at[b] - at[a]
+    return bool(run * (offset[c] - offset[a]) <= rise * (at[c] - at[a]))

@@ -41,6 +41,7 @@ class Plate:
         self.streaming = self.trigger = False
         self.number = self.sent = self.damaged = self.edges = 0
         self.zero = np.zeros(amti.CHANNELS, int)
+        self.zeroed = 0
 
     def run(self) -> None:
         """Answer and send until the time is over."""
@@ -70,6 +71,7 @@ class Plate:
             self.put(amti.STARTED)
             self.begin()
         elif command == amti.AUTO_ZERO:
+            self.zeroed += 1
             self.zero = plate_signal.offsets(amti.CHANNELS).astype(int)
             self.put(amti.ZEROED + bytes(amti.ZEROED_BYTES))
         elif command == amti.SERIAL_NUMBER and self.options.serial:
@@ -142,7 +144,8 @@ def main(arguments: list[str] | None = None) -> None:
         plate.run()
     finally:
         plate.port.unplug()
-        say({"sent": plate.sent, "damaged": plate.damaged, "dropped": plate.injector.dropped})
+        told = {"sent": plate.sent, "damaged": plate.damaged, "dropped": plate.injector.dropped}
+        say(told | {"zeroed": plate.zeroed})
 
 
 if __name__ == "__main__":

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-
-from mocks import scene
 
 AMTI_MATRIX = np.array(
     [
@@ -84,8 +83,12 @@ def numbered(number: int, channels: int) -> tuple[int, ...]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options that choose what is measured."""
-    scene.add_arguments(parser)
-    parser.add_argument("--numbers", action="store_true", help="send numbers that name the sample, no load")
+    group = parser.add_argument_group("what is measured: a synthetic trial, unless told otherwise")
+    group.add_argument("--recordings", nargs="*", type=Path, default=[], metavar="C3D",
+                       help="files to play one after the other")  # fmt: skip
+    group.add_argument("--study-seed", type=int, default=0, help="seed of the synthetic trial")
+    group.add_argument("--numbers", action="store_true", help="numbers that name the sample, no load")
+    group.add_argument("--empty", action="store_true", help="an empty plate")
 
 
 def from_options(
@@ -95,6 +98,10 @@ def from_options(
     channels = matrix.shape[1]
     if options.numbers:
         return Signal(np.zeros((0, channels), int), channels)
+    if options.empty:
+        return Signal(offsets(channels).astype(int)[None], channels)
+    from mocks import scene  # what it needs takes longer to load than the device takes to start
+
     played = scene.from_options(options)
     loads = played.loads.reshape(-1, 6)
     at = np.arange(0, len(loads), played.rate_hz * played.samples / rate_hz)

@@ -301,7 +301,7 @@ class ViconSource:
         return SourceInfo(self._name, device, scene.labels, 1.0 / scene.period_s, up, tuple(plates))
 
     def _damage(self, packets: list[Packet], now: int) -> list[Item]:
-        """Report bytes that belong to no packet; without a packet among many of them this is no DataStream."""
+        """Report bytes that belong to no packet; many of them without a packet are no DataStream."""
         skipped = self._framer.skipped
         new, self._reported = skipped - self._reported, skipped
         if packets:

@@ -102,10 +102,10 @@ def _parser(words: list[str]) -> argparse.ArgumentParser:
     )
     doctor.add_argument("--json", action="store_true", help="one JSON object on standard output")
     cells = _command(
-            commands, "cells", _cells, "the microstructures: stiffness, pictures, and cells of your own",
-            "hilbrace cells --out cells; hilbrace cells add my_cell.toml; hilbrace cells coupon star --d 0.5; "
-            "hilbrace cells calibrate curve.csv",
-        )  # fmt: skip
+        commands, "cells", _cells, "the microstructures: stiffness, pictures, cells of your own, test pieces",
+        "hilbrace cells --out cells; hilbrace cells add my_cell.toml; hilbrace cells coupon star --d 0.5;"
+        " hilbrace cells calibrate curve.csv",
+    )  # fmt: skip
     _cells_options(cells, "".join(words[1:2]) if words[:1] == ["cells"] else "")
     _add_packages(commands, words[0] if words else "")
     return parser
@@ -239,7 +239,11 @@ def _cells_options(command: argparse.ArgumentParser, action: str) -> None:
         "--pixels", type=int, default=128, metavar="N", help="pixels a side for 'add' (default: 128)"
     )
     command.add_argument(
-        "--volume", type=float, default=0.35, metavar="V", help="volume fraction to compare at (default: 0.35)"
+        "--volume",
+        type=float,
+        default=0.35,
+        metavar="V",
+        help="compare at this volume fraction (default: 0.35)",
     )
     command.add_argument(
         "--out",

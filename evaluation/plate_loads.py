@@ -88,7 +88,7 @@ def without_drift(
     edges = np.flatnonzero(np.diff(np.concatenate([[0], unloaded.astype(int), [0]]))).reshape(-1, 2)
     if not len(edges):
         return load.copy()
-    middles = edges.mean(axis=1)
+    middles = (edges.sum(axis=1) - 1) / 2
     levels = np.stack([np.nanmean(load[a:b], axis=0) for a, b in edges])
     at = np.arange(len(load))
     drift = np.column_stack([np.interp(at, middles, column) for column in levels.T])

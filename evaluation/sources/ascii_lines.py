@@ -2,8 +2,8 @@
 
 ::
 
-    #{"name":"bench","serial":"7","rate_hz":80,"channels":["f1","f2","f3","f4"]}*1C291CA3
-    1000123,8312,-771,90,4411*9BB4E1D0
+    #{"name":"bench","serial":"7","rate_hz":80,"channels":["f1","f2","f3","f4"]}*C0CD27DD
+    1000123,8312,-771,90,4411*DE6BB4DA
 
 `CRC` is the CRC-32 (IEEE 802.3) of the characters before the asterisk, as eight hexadecimal digits. A line
 without a counter cannot tell how many were lost: the reader counts by the device's clock and says so.

@@ -57,7 +57,7 @@ def build_domain(body: Body, loads: JointLoads, settings: DomainSettings) -> Dom
     )
 
 
-def _numbered(windows: tuple[Int[Array, " corner"], ...]) -> Int[Array, "corner 2"]:
+def _numbered(windows: tuple[Int[Array, " _corner"], ...]) -> Int[Array, "corner 2"]:
     """Edges of windows as rows of (number of the window, vertex)."""
     rows = [np.stack([np.full(len(loop), k), loop], axis=1) for k, loop in enumerate(windows)]
     return np.concatenate([np.zeros((0, 2), np.int64), *rows])

@@ -70,7 +70,7 @@ class Domain:
     rims: Float[Array, " loop"] = field(default_factory=lambda: np.zeros(0))
 
     @property
-    def window_loops(self) -> tuple[Int[Array, " corner"], ...]:
+    def window_loops(self) -> tuple[Int[Array, " _corner"], ...]:
         """Vertices of the edge of each window, in order around."""
         count = int(self.windows[:, 0].max(initial=-1)) + 1
         return tuple(self.windows[self.windows[:, 0] == number, 1] for number in range(count))

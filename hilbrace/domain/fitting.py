@@ -64,7 +64,7 @@ class Relief:
     Attributes:
         key: Configuration key that asks for it.
         height_mm: Offset in its middle, outwards [mm].
-        share: Share of it at each vertex of the skin [-].
+        share: Share of it at each vertex of the sleeve [-].
     """
 
     key: str
@@ -73,13 +73,18 @@ class Relief:
 
 
 def find_reliefs(
-    skin: Surface, limb: Limb, order: Int[Array, " vertex"], wanted: Sequence[ReliefSettings]
+    region: Surface,
+    skin: Surface,
+    limb: Limb,
+    order: Int[Array, " vertex"],
+    wanted: Sequence[ReliefSettings],
 ) -> tuple[Relief, ...]:
     """The reliefs that a configuration asks for.
 
     Around a landmark the offset falls as ``(1 - (r / radius)^2)^2``, without a kink anywhere.
 
     Args:
+        region: The sleeve, refined [mm].
         skin: Skin in limb axes [mm].
         limb: Axes of the limb.
         order: Vertex of the body that each vertex of the skin is.
@@ -100,36 +105,37 @@ def find_reliefs(
                 hint=f"set {key}.at or {key}.painted",
             )
         if relief.painted is not None:
-            share = _paint_share(skin, order, relief.painted, relief.radius_mm, key)
+            on_skin = _paint_share(skin, order, relief.painted, relief.radius_mm, key)
+            share = _carried(skin, on_skin[:, None], region.vertices)[:, 0]
         else:
             middle = find_landmark(skin, limb, str(relief.at), f"{key}.at").position
-            away = np.linalg.norm(skin.vertices - middle, axis=1) / relief.radius_mm
+            away = np.linalg.norm(region.vertices - middle, axis=1) / relief.radius_mm
             share = np.clip(1.0 - away**2, 0.0, None) ** 2
         found.append(Relief(key, relief.height_mm, share))
     return tuple(found)
 
 
-def relieve(region: Surface, skin: Surface, reliefs: Sequence[Relief]) -> Surface:
-    """Move a region off the skin along its normals.
+def relieve(region: Surface, reliefs: Sequence[Relief]) -> Surface:
+    """Move a sleeve off the skin along its normals.
 
     Args:
-        region: Part of the skin, refined [mm].
-        skin: The skin that the reliefs are given on [mm].
+        region: The sleeve, refined [mm].
         reliefs: The reliefs; where several meet, they add up.
 
     Raises:
         GeometryError: The surface would fold.
     """
     for relief in reliefs:
-        share = _carried(skin, relief.share[:, None], region.vertices)
-        if share.max() < _REACHED:
+        if relief.share.max() < _REACHED:
             raise GeometryError(
                 "the relief lies outside the sleeve, or is too small for its mesh",
                 where=relief.key,
                 hint="move it, raise its radius_mm, or ask for more triangles (domain.triangles)",
             )
         normals = np.asarray(igl.per_vertex_normals(region.vertices, region.triangles))
-        moved = Surface(region.vertices + relief.height_mm * share * normals, region.triangles)
+        moved = Surface(
+            region.vertices + relief.height_mm * relief.share[:, None] * normals, region.triangles
+        )
         _check_folds(
             region, moved, relief.key, "lower height_mm, or raise radius_mm, until its slope is below 60 deg"
         )

@@ -21,6 +21,9 @@ _GRID = 2.0**20
 """Skin and joint centres are rounded to this part of a millimetre, so that both legs of a symmetric body,
 whose figures differ in their last bits, have the same domain bit by bit."""
 
+_OFF_TIE = 0.3819660113
+"""Rounding parts numbers here, where figures of single precision never lie (they lie on halves) [-]."""
+
 _MIRROR = np.array([1.0, 1.0, -1.0])
 
 _LATERAL = np.array([0.0, 0.0, 1.0])
@@ -97,8 +100,8 @@ class Limb:
 
     def inwards(self, points_m: Float[Array, "*point 3"]) -> Float[Array, "*point 3"]:
         """Points of the body [m] in limb axes [mm]."""
-        points = np.round((points_m - self.centre_m) * MM_PER_M * _GRID) / _GRID
-        return points * _MIRROR if self.side == "left" else points
+        points = self.rest_frame((points_m - self.centre_m) * MM_PER_M)
+        return np.floor(points * _GRID + _OFF_TIE) / _GRID
 
     def rest_frame(self, points: Float[Array, "*point 3"]) -> Float[Array, "*point 3"]:
         """Points in limb axes in the brace's rest frame, z to the subject's right [mm]; and back again."""
@@ -128,7 +131,8 @@ def find_limb(body: Body, joint: str, side: str) -> Limb:
     upper = frame.inwards(_centre(body, f"{above}_{letter}", side))
     other = frame.inwards(_centre(body, f"{joint}_{opposite}", side))
     if below is None:
-        lower, distal = _foot(limb_skin(body, frame).vertices, other, side)
+        skin = limb_skin(body, frame)
+        lower, distal = _foot(skin.vertices[np.unique(skin.triangles)], other, side)
     else:
         lower = frame.inwards(_centre(body, f"{below}_{letter}", side))
         distal = lower / np.linalg.norm(lower)

@@ -26,7 +26,7 @@ class Loops:
 
     upper: Int[Array, " upper"]
     lower: Int[Array, " lower"]
-    windows: tuple[Int[Array, " window"], ...]
+    windows: tuple[Int[Array, " _corner"], ...]
 
 
 def loops_of(surface: Surface, limb: Limb) -> Loops:
@@ -49,7 +49,7 @@ def loops_of(surface: Surface, limb: Limb) -> Loops:
     return Loops(upper, lower, windows)
 
 
-def open_loops(surface: Surface) -> list[Int[Array, " loop"]]:
+def open_loops(surface: Surface) -> list[Int[Array, " _corner"]]:
     """Closed lines of open edges."""
     return [np.asarray(loop, np.int64) for loop in igl.boundary_loop_all(surface.triangles)]
 

@@ -12,6 +12,7 @@ from hilbrace.biomech.joint_loads import JOINTS as JOINT_ORDER
 from hilbrace.biomech.joint_loads import JointLoads, without_muscles
 from hilbrace.body.body import Body
 from hilbrace.body.skinning import smoothed_weights
+from hilbrace.config import DomainSettings
 from hilbrace.domain.limb import Limb
 
 JOINTS = ("hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "ankle_l")
@@ -148,6 +149,11 @@ def bending(body: Body, flexion_deg, side="left", **others) -> JointLoads:
         pelvis_residual_force=np.zeros((frames, 3)),
         **without_muscles(frames, 4, len(names)),
     )
+
+
+def domain_settings(**keys: object) -> DomainSettings:
+    """Section ``domain`` from keys as they are written in a configuration."""
+    return DomainSettings.model_validate(keys)
 
 
 def mirrored_body(body: Body) -> Body:

@@ -145,7 +145,7 @@ def atlas_text(figures: dict[str, Any]) -> str:
         "bend, twist: bending over stretching, twist over shear; 1 is a solid sheet. Wall: 0.25 cell sides.",
         "fit: mean squared error of the cubics through the samples.",
         "thin end, rest: largest relative error of the cubic of E in the thinner and the thicker half.",
-        "grid: change of E mean at the middle of the range from 128 to 256 pixels a side.",
+        "grid: change of E mean at the middle of the range when the pixels are halved once more.",
         "Order at equal volume; the paper has Voronoi stiffest and the sinusoidal grid softest:",
         *(f"  {sentence}." for sentence in figures["order"]),
     ]

@@ -116,7 +116,7 @@ def draw_bending(cells: Sequence[CellSamples], volume: float) -> Figure:
         cells: The cells; those whose range does not reach the volume are left out.
         volume: Volume fraction [-].
     """
-    figure = Figure(figsize=(10.4, 4.0), layout="constrained")
+    figure = Figure(figsize=(11.4, 4.0), layout="constrained")
     panels = figure.subplots(1, 3)
     thickness = np.geomspace(0.1, 0.8, 25)
     for place, cell in enumerate(cells):
@@ -140,7 +140,9 @@ def draw_bending(cells: Sequence[CellSamples], volume: float) -> Figure:
         axes.set_xticks([], minor=True)
         _quiet(axes)
     panels[0].set_ylabel(f"(12 D / t³) / (A / t) at V = {volume:g}", color=INK)
-    panels[0].legend(frameon=False, fontsize=7.5)
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), frameon=False, fontsize=8, loc="outside right center"
+    )
     return figure
 
 

@@ -190,6 +190,33 @@ def test_the_digest_of_a_cell_follows_its_table(own_cell, tmp_path):
     assert cell_digest(str(copy)) != before
 
 
+def test_a_run_starts_anew_where_its_own_cell_changed_and_only_there(own_cell, tmp_path):
+    from hilbrace.pipeline.runner import stage_key
+    from hilbrace.pipeline.stages import STAGES
+
+    copy = tmp_path / "mine.toml"
+    table = copy.with_suffix(".table.json")
+    copy.write_text(OWN, "utf-8")
+    table.write_bytes(own_cell.with_suffix(".table.json").read_bytes())
+    config = parse_config({"material": {"firm": str(copy)}}, "run.toml")
+    stages = [stage for stage in STAGES if "motion" not in stage.sections]
+    before = {stage.name: stage_key(stage, config, {}) for stage in stages}
+    table.write_text(table.read_text("utf-8").replace('"poisson": 0.45', '"poisson": 0.44'), "utf-8")
+    changed = [stage.name for stage in stages if stage_key(stage, config, {}) != before[stage.name]]
+    assert changed == [stage.name for stage in stages if "material" in stage.sections]
+    assert {"optimize", "pattern"} <= set(changed)
+
+
+def test_a_run_with_a_cell_that_has_no_table_stops_before_its_first_stage(tmp_path):
+    from hilbrace.pipeline import run_stages
+
+    (tmp_path / "mine.toml").write_text(OWN, "utf-8")
+    config = parse_config({"material": {"firm": str(tmp_path / "mine.toml")}}, "run.toml")
+    with pytest.raises(InputError, match="not been homogenized yet"):
+        run_stages(config, tmp_path / "run", quiet=True)
+    assert not (tmp_path / "run").exists()
+
+
 def test_words_of_the_command():
     assert chosen_cells([]) == ([], list(CELLS))
     assert chosen_cells(["star", "star", "a.toml"]) == ([], ["star", "a.toml"])

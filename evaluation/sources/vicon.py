@@ -11,10 +11,9 @@ from __future__ import annotations
 import math
 import socket
 import time
-from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Integer
+from jaxtyping import Float
 
 from evaluation.sources import cgstream
 from evaluation.sources.cgstream import Block, Kind, Packet
@@ -23,12 +22,12 @@ from evaluation.sources.stream import (
     Item,
     LabError,
     MarkerFrame,
-    PlateInfo,
     PlateSamples,
     SourceEvent,
     SourceInfo,
 )
-from hilbrace.units import MM_PER_M
+from evaluation.sources.vicon_scene import STATIC, Scene, centre_error, check_labels
+from hilbrace.errors import InputError
 
 Array = np.ndarray
 
@@ -36,100 +35,15 @@ PORT = 801
 CONNECT_S = 3.0
 """Longest wait for the server's answer, and again for its first frame."""
 
-LOADS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
-LOAD_UNITS = ("N", "N", "N", "N*m", "N*m", "N*m")
+LOAD_KINDS = (Kind.FORCE, Kind.MOMENT, Kind.CENTRE_OF_PRESSURE)
 
-STATIC = {
-    Kind.STREAM_INFO,
-    Kind.APPLICATION_INFO,
-    Kind.SUBJECT_INFO,
-    Kind.DEVICE_INFO,
-    Kind.DEVICE_START,
-    Kind.FORCE_PLATE_INFO,
-}
-"""Objects that the server leaves out while they do not change."""
+WANTED = {*STATIC, Kind.CONTENTS, Kind.FRAME_INFO, Kind.LABELLED_MARKERS, *LOAD_KINDS}
 
-WANTED = {*STATIC, Kind.CONTENTS, Kind.FRAME_INFO, Kind.LABELLED_MARKERS, Kind.FORCE, Kind.MOMENT}
+FARTHEST_CENTRE_M = 0.01
+"""How far the server's centre of pressure may be from that of force and moment."""
 
 LONGEST_NONSENSE = 2**20
 """Bytes without a single packet after which the server is not taken for a DataStream."""
-
-
-@dataclass
-class _Scene:
-    """What the static objects said last; `missing` if one of them was lost on the way."""
-
-    objects: dict[int, list[bytes]] = field(default_factory=dict)
-    samples: dict[int, int] = field(default_factory=dict)
-    period_s: float = math.nan
-    up: str = "z"
-    labels: tuple[str, ...] = ()
-    keys: Integer[Array, " marker"] = field(default_factory=lambda: np.zeros(0, np.uint64))
-    columns: Integer[Array, " marker"] = field(default_factory=lambda: np.zeros(0, int))
-    devices: dict[int, tuple[float, str]] = field(default_factory=dict)
-    starts: dict[int, float] = field(default_factory=dict)
-    plates: dict[int, cgstream.Plate] = field(default_factory=dict)
-    missing: bool = False
-
-    def update(self, packet: Packet) -> bool:
-        """Take over what a frame says anew; true if it was news."""
-        present, unchanged = STATIC, set()
-        new: dict[int, list[bytes]] = {}
-        for kind, payload in packet:
-            if kind == Kind.CONTENTS:
-                present, unchanged = cgstream.read_contents(payload)
-            elif kind in STATIC:
-                new.setdefault(kind, []).append(payload)
-        kept = {kind: old for kind, old in self.objects.items() if kind in unchanged and kind in present}
-        objects = {**kept, **new}
-        self.missing = bool((unchanged & present & STATIC) - objects.keys())
-        if objects == self.objects:
-            return False
-        self._interpret(objects)
-        self.objects = objects
-        return True
-
-    def count_samples(self, blocks: list[Block]) -> bool:
-        """Learn how many samples a device sends at once; true if it was news."""
-        seen = {block.device: len(block.values) for block in blocks if len(block.values)}
-        if all(self.samples.get(device) == count for device, count in seen.items()):
-            return False
-        self.samples.update(seen)
-        return True
-
-    def positions(self, payload: bytes) -> Float[Array, "marker 3"]:
-        """Markers in the order of the labels [m]; NaN where occluded."""
-        out = np.full((len(self.labels), 3), np.nan)
-        keys, places = cgstream.read_labelled(payload)
-        if not len(self.keys) or not len(keys):
-            return out
-        found = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
-        known = self.keys[found] == keys
-        out[self.columns[found[known]]] = places[known] / MM_PER_M
-        return out
-
-    def _interpret(self, objects: dict[int, list[bytes]]) -> None:
-        for payload in objects.get(Kind.STREAM_INFO, []):
-            self.period_s = cgstream.read_period(payload)
-        for payload in objects.get(Kind.APPLICATION_INFO, []):
-            self.up = "y" if payload[:1] == b"\x01" else "z"
-        devices = [cgstream.read_device(payload) for payload in objects.get(Kind.DEVICE_INFO, [])]
-        plates = [cgstream.read_plate(payload) for payload in objects.get(Kind.FORCE_PLATE_INFO, [])]
-        self.devices = {number: (period, name) for number, period, name in devices}
-        self.starts = dict(
-            cgstream.read_device_start(payload) for payload in objects.get(Kind.DEVICE_START, [])
-        )
-        self.plates = {plate.device: plate for plate in plates}
-        self._name_markers([cgstream.read_subject(payload) for payload in objects.get(Kind.SUBJECT_INFO, [])])
-
-    def _name_markers(self, subjects: list[cgstream.Subject]) -> None:
-        prefixed = len(subjects) > 1
-        markers = [(s, number, name) for s in subjects for number, name in s.markers.items()]
-        self.labels = tuple(f"{s.name}:{name}" if prefixed else name for s, _, name in markers)
-        numbers = np.array([(s.number, number) for s, number, _ in markers], np.uint64).reshape(-1, 2)
-        keys = cgstream.marker_key(numbers[:, 0], numbers[:, 1])
-        self.columns = np.argsort(keys)
-        self.keys = keys[self.columns]
 
 
 class ViconSource:
@@ -146,8 +60,9 @@ class ViconSource:
         self._name, self._host, self._port, self._patience = name, host, port, patience_s
         self._socket: socket.socket | None = None
         self._framer = cgstream.Framer()
-        self._scene = _Scene()
+        self._scene = Scene()
         self._reported = self._intact = 0
+        self._doubted: set[str] = set()
         self._waiting: list[Item] = []
 
     @property
@@ -165,15 +80,17 @@ class ViconSource:
 
         Raises:
             LabError: Nobody answers, something else than a DataStream answers, or no frame comes.
+        InputError: Two markers have one name.
         """
         self.close()
-        self._framer, self._scene, self._waiting = cgstream.Framer(), _Scene(), []
+        self._framer, self._scene, self._waiting = cgstream.Framer(), Scene(), []
         self._reported = self._intact = 0
+        self._doubted = set()
         self._socket = connect(self._host, self._port, self._patience, "a DataStream server")
         try:
             self._shake_hands(time.monotonic() + self._patience)
             return self._first_frame(time.monotonic() + self._patience)
-        except LabError:
+        except (LabError, InputError):
             self.close()
             raise
 
@@ -248,6 +165,7 @@ class ViconSource:
             for index, item in enumerate(items):
                 if isinstance(item, SourceInfo):
                     self._waiting = items[:index] + items[index + 1 :]
+                    check_labels(item, self.address)
                     return item
         raise LabError(
             "the server sends no frames",
@@ -266,39 +184,40 @@ class ViconSource:
         if Kind.FRAME_INFO not in payloads:
             return []
         news = self._scene.update(packet)
-        forces = [cgstream.read_block(payload) for kind, payload in packet if kind == Kind.FORCE]
-        moments = [cgstream.read_block(payload) for kind, payload in packet if kind == Kind.MOMENT]
+        forces, moments, centres = (
+            [cgstream.read_block(payload) for kind, payload in packet if kind == wanted]
+            for wanted in LOAD_KINDS
+        )
         news = self._scene.count_samples(forces) or news
-        items: list[Item] = [self._info()] if news and math.isfinite(self._scene.period_s) else []
+        items: list[Item] = []
+        if news and math.isfinite(self._scene.period_s):
+            items.append(self._scene.info(self._name, self.address))
         number = cgstream.Reader(payloads[Kind.FRAME_INFO], "the frame's number").word()
         moment_s = number * self._scene.period_s
         if Kind.LABELLED_MARKERS in payloads:
             positions = self._scene.positions(payloads[Kind.LABELLED_MARKERS])
             items.append(MarkerFrame(self._name, number, moment_s, now, positions))
-        return items + [item for force in forces for item in self._samples(force, moments, now)]
+        return items + [item for force in forces for item in self._samples(force, moments, centres, now)]
 
-    def _samples(self, force: Block, moments: list[Block], now: int) -> list[Item]:
+    def _samples(self, force: Block, moments: list[Block], centres: list[Block], now: int) -> list[Item]:
         scene = self._scene
         if force.device not in scene.plates or force.device not in scene.devices or not len(force.values):
             return []
         count = len(force.values)
-        matching = [m.values for m in moments if (m.device, m.number) == (force.device, force.number)]
-        moment = matching[0] if matching and len(matching[0]) == count else np.full((count, 3), np.nan)
+        moment, centre = _matching(moments, force), _matching(centres, force)
         block_s, name = scene.devices[force.device]
         start = scene.starts.get(force.device, 0.0) + force.number * block_s
         values = np.hstack([force.values, moment])
-        return [PlateSamples(self._name, name, force.number * count, start, block_s / count, now, values)]
-
-    def _info(self) -> SourceInfo:
-        scene = self._scene
-        plates = [
-            _plate_info(name, scene.samples.get(number, 0) / block_s, scene.plates[number])
-            for number, (block_s, name) in scene.devices.items()
-            if number in scene.plates and block_s > 0
-        ]
-        up = "y" if scene.up == "y" else "z"
-        device = f"Vicon DataStream at {self.address}"
-        return SourceInfo(self._name, device, scene.labels, 1.0 / scene.period_s, up, tuple(plates))
+        samples = PlateSamples(self._name, name, force.number * count, start, block_s / count, now, values)
+        apart = 0.0 if name in self._doubted else centre_error(force.values, moment, centre)
+        if not apart > FARTHEST_CENTRE_M:
+            return [samples]
+        self._doubted.add(name)
+        text = (
+            f"force and moment of plate '{name}' put the centre of pressure {1e3 * apart:.0f} mm from where "
+            "the server has it: the moments are about another point than the plate's origin"
+        )
+        return [SourceEvent(self._name, "fault", now, math.nan, text, plate=name), samples]
 
     def _damage(self, packets: list[Packet], now: int) -> list[Item]:
         """Report bytes that belong to no packet; many of them without a packet are no DataStream."""
@@ -312,12 +231,9 @@ class ViconSource:
         return [SourceEvent(self._name, "fault", now, math.nan, text)] if new else []
 
 
-def _plate_info(name: str, rate_hz: float, plate: cgstream.Plate) -> PlateInfo:
-    low, high = plate.low, plate.high
-    local = np.array([[high[0], high[1]], [low[0], high[1]], [low[0], low[1]], [high[0], low[1]]], float)
-    surface = np.column_stack([local, np.full(4, high[2])])
-    origin = plate.translation / MM_PER_M
-    corners = origin + surface @ plate.rotation.T / MM_PER_M
-    return PlateInfo(
-        name, rate_hz, LOADS, LOAD_UNITS, -np.eye(6), plate.rotation, origin, corners, zeroed=True
-    )
+def _matching(blocks: list[Block], force: Block) -> Float[Array, "sample 3"]:
+    """Samples of the same plate and time; NaN if there are none."""
+    for block in blocks:
+        if (block.device, block.number, len(block.values)) == (force.device, force.number, len(force.values)):
+            return block.values
+    return np.full(force.values.shape, np.nan)

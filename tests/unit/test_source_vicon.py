@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
 import itertools
 import socket
 import threading
@@ -17,6 +18,7 @@ from evaluation.sources.cgstream import Kind, pack_packet, pack_types
 from evaluation.sources.reconnecting import Reconnecting
 from evaluation.sources.stream import LabError, ground_load
 from evaluation.sources.vicon import ViconSource
+from evaluation.sources.vicon_scene import Scene
 from hilbrace.errors import InputError
 from mocks import faults, scene, vicon_server
 from tests.unit.mock_process import Heard, listen, mock
@@ -181,11 +183,29 @@ def test_a_marker_set_that_changes_is_described_anew():
         assert len(getattr(item, "positions", labels)) == len(labels)
 
 
+def test_two_markers_of_one_name_are_refused(content):
+    twins = dataclasses.replace(content, labels=("A",) * len(content.labels))
+    greeting, frames = stream(twins, 2)
+    with serving(greeting, *frames) as port, pytest.raises(InputError, match="two markers are called 'A'"):
+        ViconSource("vicon", "127.0.0.1", port).open()
+
+
+def test_moments_about_another_point_are_told_once(content):
+    moved = content.centres + np.array([0.0, 0.03, 0.0])
+    for centres, told in ((content.centres, 0), (moved, 1)):
+        greeting, frames = stream(dataclasses.replace(content, centres=centres), 500)
+        with serving(greeting, *frames) as port:
+            faults_told = everything(port).events("fault")
+        assert len(faults_told) == told
+    assert "30 mm" in faults_told[0].text
+    assert faults_told[0].plate == "Plate 1"
+
+
 def test_two_subjects_keep_their_markers_apart(content):
     first = vicon_server.static_objects(content, ("A", "B"))[Kind.SUBJECT_INFO]
     other = bytes([9]) + first[0][1:]
     body = {Kind.SUBJECT_INFO: [first[0], other]}
-    kept = vicon._Scene()
+    kept = Scene()
     packet = [(kind, payload) for kind, payloads in body.items() for payload in payloads]
     assert kept.update(packet)
     assert kept.labels == ("Limb:A", "Limb:B", "Limb:A", "Limb:B")

@@ -13,19 +13,21 @@ from hilbrace.optimize.design import Design
 from hilbrace.pattern.axis import strut_axis
 from hilbrace.pattern.border import strut_widths
 from hilbrace.pattern.checks import is_watertight, measured_thickness, part_count, spread_sample
-from hilbrace.pattern.clip import cut_out, triangle_areas
+from hilbrace.pattern.clip import cut_out, solid_fraction, triangle_areas
 from hilbrace.pattern.fields import local_widths, nearest_values, places_on
-from hilbrace.pattern.implicit import blended_pattern, vertex_map_length
+from hilbrace.pattern.implicit import BlendedPattern, blended_pattern, vertex_map_length
 from hilbrace.pattern.inputs import check_cells, check_design, resolution
-from hilbrace.pattern.level import levelled
-from hilbrace.pattern.mend import mended
+from hilbrace.pattern.level import Levelled, levelled
+from hilbrace.pattern.mend import Mended, mended
 from hilbrace.pattern.offset import offset_volume, safe_offset
 from hilbrace.pattern.pattern import Pattern, Solid
-from hilbrace.pattern.refine import refine
+from hilbrace.pattern.refine import RefinedSkin, refine
 from hilbrace.pattern.thicken import border_edges, folded_triangles, manifold, simplify, surface, thicken
 
 Array = np.ndarray
 
+REPAIR_TOLERANCE = 0.01
+"""Relative difference from the design's share of the skin above which repairs are made up for [-]."""
 _REACH = 4.0
 _RAYS = 1000
 
@@ -57,8 +59,7 @@ def build_pattern(
     skin = refine(domain, resolution(settings))
     areas = triangle_areas(skin.vertices, skin.triangles)
     blended = blended_pattern(domain, design, skin, settings, material)
-    level = levelled(skin, blended, areas, design_fraction(domain, design), settings)
-    done = mended(skin, level.depth, blended.rim_depth, areas, settings.min_strut_mm, settings.min_slit_mm)
+    level, done = _to_share(skin, blended, areas, design_fraction(domain, design), settings)
     struts = cut_out(skin, done.line)
     places = places_on(domain, struts.vertices)
     return Pattern(
@@ -75,6 +76,29 @@ def build_pattern(
         area_fraction=float(triangle_areas(struts.vertices, struts.triangles).sum() / areas.sum()),
         level_shift=level.shift,
     )
+
+
+def _to_share(
+    skin: RefinedSkin,
+    blended: BlendedPattern,
+    areas: Float[Array, " triangle"],
+    share: float,
+    settings: PatternSettings,
+) -> tuple[Levelled, Mended]:
+    """Level and mend; where repairs add too much, level again for as much less. The better of the two."""
+    found, aim = [], share
+    while len(found) < 2:
+        level = levelled(skin, blended, areas, aim, settings)
+        done = mended(
+            skin, level.depth, blended.rim_depth, areas, settings.min_strut_mm, settings.min_slit_mm
+        )
+        error = solid_fraction(skin, done.line.depth, areas) - share
+        found.append((abs(error), level, done))
+        if abs(error) <= REPAIR_TOLERANCE * share:
+            break
+        aim -= error
+    _, level, done = min(found, key=lambda one: one[0])
+    return level, done
 
 
 def build_solid(

@@ -224,7 +224,7 @@ def depth_in_balls(
         centres: Centres of the balls [mm].
         radius: Their radii [mm].
     """
-    lift = np.sqrt(radius.max() ** 2 - radius**2)
+    lift = np.sqrt((radius.max() - radius) * (radius.max() + radius))
     lifted = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
     _, ball = KDTree(np.concatenate([centres, lift[:, None]], axis=1)).query(lifted, workers=-1)
     return radius[ball] - np.linalg.norm(points - centres[ball], axis=1)

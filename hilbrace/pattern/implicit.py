@@ -21,15 +21,14 @@ from hilbrace.material.cells import cell_distance, fold
 from hilbrace.material.curves import load_microstructures
 from hilbrace.material.strut_width import effective_scale, map_length, minimum_width
 from hilbrace.optimize.design import Design
+from hilbrace.pattern.clip import zero_line
 from hilbrace.pattern.refine import RefinedSkin
 from hilbrace.pattern.stitch import flat_values
 
 Array = np.ndarray
 
-OVERLAP = 0.08
-"""How far past one half the firm fraction is where the soft pattern ends, and the reverse [-]."""
-_STEEPNESS = 3.0
-"""Depth per firm fraction at such an end [cell sides]; its zero does not depend on it."""
+OVERLAP = 0.3
+"""How far past the line of equal shares the soft pattern ends, and the firm one beyond it [cell sides]."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class BlendedPattern:
         soft_width: Strut half width that the design asks of the soft cell [cell sides].
         firm_width: The same of the firm cell [cell sides].
         least_width: Half width of the narrowest strut [cell sides].
-        firm: Firm fraction [-].
+        into_firm: Distance from the line of equal shares, positive where firm [mm].
         cell_mm: Side of a cell on the limb [mm].
         rim_depth: Depth inside the solid bands along the edges of the skin, and inside the strip along a
             free seam, negative outside of them [mm].
@@ -53,7 +52,7 @@ class BlendedPattern:
     soft_width: Float[Array, " vertex"]
     firm_width: Float[Array, " vertex"]
     least_width: Float[Array, " vertex"]
-    firm: Float[Array, " vertex"]
+    into_firm: Float[Array, " vertex"]
     cell_mm: Float[Array, " vertex"]
     rim_depth: Float[Array, " vertex"]
 
@@ -65,9 +64,9 @@ class BlendedPattern:
         """
         soft = np.maximum(self.soft_width + level_shift, self.least_width) - self.soft_distance
         firm = np.maximum(self.firm_width + level_shift, self.least_width) - self.firm_distance
-        soft = np.minimum(soft, _STEEPNESS * (0.5 + OVERLAP - self.firm))
-        firm = np.minimum(firm, _STEEPNESS * (self.firm - 0.5 + OVERLAP))
-        return np.maximum(np.maximum(soft, firm) * self.cell_mm, self.rim_depth)
+        soft = np.minimum(soft * self.cell_mm, OVERLAP * self.cell_mm - self.into_firm)
+        firm = np.minimum(firm * self.cell_mm, OVERLAP * self.cell_mm + self.into_firm)
+        return np.maximum(np.maximum(soft, firm), self.rim_depth)
 
 
 def blended_pattern(
@@ -99,7 +98,7 @@ def blended_pattern(
         soft_width=cells.soft.width(d),
         firm_width=cells.firm.width(d),
         least_width=minimum_width(settings.min_strut_mm, scale, length),
-        firm=firm,
+        into_firm=_distance_into(skin, firm, scale * float(length.max())),
         cell_mm=scale / 2 * length,
         rim_depth=np.maximum(band_depth(domain, skin, settings.rim_mm), flat.strip_depth),
     )
@@ -110,6 +109,17 @@ def vertex_map_length(domain: Domain) -> Float[Array, " vertex"]:
     length = map_length(domain.vertices, domain.triangles, domain.uv, domain.cut_triangles)
     corners = domain.triangles.ravel()
     return np.bincount(corners, np.repeat(length, 3)) / np.bincount(corners)
+
+
+def _distance_into(
+    skin: RefinedSkin, firm: Float[Array, " vertex"], reach_mm: float
+) -> Float[Array, " vertex"]:
+    """Distance from the line where the firm fraction is one half, negative on the soft side [mm]."""
+    line = zero_line(skin, (firm - 0.5) * skin.edge_mm)
+    distance = np.full(len(firm), reach_mm)
+    if len(line.points):
+        distance = np.minimum(KDTree(line.points).query(skin.vertices, workers=-1)[0], reach_mm)
+    return np.where(firm > 0.5, distance, -distance)
 
 
 def band_depth(domain: Domain, skin: RefinedSkin, width_mm: float) -> Float[Array, " vertex"]:

@@ -21,7 +21,7 @@ SLIT_MARGIN = 1.02
 """The same of slits [-]."""
 FRACTION_TOLERANCE = 0.006
 """Relative difference between the pattern's share of the skin and the design's that is small enough [-]."""
-LEVEL_LIMIT = 0.08
+LEVEL_LIMIT = 0.2
 """Largest constant added to the half width [cell sides]."""
 _ROUNDS = 6
 
@@ -91,7 +91,7 @@ def _shift_for(
 ) -> float:
     """Level shift at which the pattern, before any clean-up, covers ``share`` of the skin (bisection)."""
     low, high = -LEVEL_LIMIT, LEVEL_LIMIT
-    for _ in range(16):
+    for _ in range(18):
         middle = (low + high) / 2
         covered = solid_fraction(skin, blended.depth(middle), areas)
         low, high = (middle, high) if covered < share else (low, middle)

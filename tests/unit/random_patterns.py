@@ -25,18 +25,21 @@ def random_task(
     """Settings and a design, all drawn from one seed; widths stay where the optimizer keeps them."""
     rng = np.random.default_rng(seed)
     strut = rng.uniform(*struts)
+    slit = strut * rng.uniform(0.5, 0.9)
+    soft, firm_cell = (str(name) for name in rng.choice(cells, 2, replace=False))
     typical = float(np.median(vertex_map_length(domain)))
     settings = PatternSettings(
-        scale=float(np.clip(2 * rng.uniform(6.0, 14.0) * strut / typical, 0.03, 0.4)),
+        scale=float(
+            np.clip(rng.uniform(1.0, 2.0) * _fitting(soft, firm_cell, strut, slit) / typical, 0.03, 0.4)
+        ),
         min_strut_mm=strut,
-        min_slit_mm=strut * rng.uniform(0.5, 0.9),
+        min_slit_mm=slit,
         rim_mm=rng.uniform(4.0, 12.0),
         blend_mm=rng.uniform(8.0, 40.0),
         seam_mm=rng.uniform(1.0, 5.0),
         resolution_mm=0.55 * strut,
     )
-    soft, firm_cell = rng.choice(cells, 2, replace=False)
-    material = MaterialSettings(thickness_mm=rng.uniform(2.0, 5.0), soft=str(soft), firm=str(firm_cell))
+    material = MaterialSettings(thickness_mm=rng.uniform(2.0, 5.0), soft=soft, firm=firm_cell)
     long = float(np.ptp(domain.vertices[:, 1]))
     labels = _waves(rng, domain.vertices, long)
     if rng.random() < 0.25:
@@ -50,6 +53,13 @@ def random_task(
     low, high = np.sort(rng.uniform(0.0, 1.0, 2))
     field = low + (high - low) * (field - field.min()) / np.ptp(field)
     return settings, material, feasible_design(domain, settings, material, field, firm)
+
+
+def _fitting(soft: str, firm: str, strut_mm: float, slit_mm: float) -> float:
+    """Period [mm] of cells in which the least struts leave room for slits and for the design."""
+    curves = load_microstructures(soft, firm)
+    room = min(curves.soft.pinch_width, curves.firm.pinch_width)
+    return 1.3 * (strut_mm + slit_mm) / room
 
 
 def feasible_design(

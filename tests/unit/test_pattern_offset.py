@@ -63,9 +63,9 @@ def _clearance(vector):
 
 
 def test_the_outer_face_does_not_come_back_to_the_skin():
-    """In a hollow of 4 mm, 6 mm along the normal end 2 mm from the other side."""
-    assert _clearance(6.0 * vertex_normals(NARROW)) < 0.4
-    assert _clearance(safe_offset(NARROW, 6.0).vector) > 0.7
+    """In a hollow of 4 mm, 6 mm along the normal end about 4 mm from the legs beyond it."""
+    assert _clearance(6.0 * vertex_normals(NARROW)) < 0.7
+    assert _clearance(safe_offset(NARROW, 6.0).vector) > 0.95
 
 
 def test_too_thick_for_the_hollow_is_refused_by_name():

@@ -28,7 +28,7 @@ Array = np.ndarray
 
 SNAP = 0.25
 """Vertices nearer to the border than this share of a step of the grid are moved onto it."""
-LEAST_STRUT_STEPS = 4.0
+LEAST_STRUT_STEPS = 5.0
 """Steps of the grid across the thinnest strut, at least."""
 COARSEST, FINEST = 24, 96
 """Least and most steps of the grid in a cell."""
@@ -237,7 +237,7 @@ def _snapped(
     """
     edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
     low, high = nodes.min(axis=0), nodes.max(axis=0)
-    on_side = np.stack([nodes == low, nodes == high], axis=-1).any(axis=-1)
+    on_side = np.logical_or(nodes == low, nodes == high)
     both = np.concatenate([edges, edges[:, ::-1]])
     near, far = depth[both[:, 0]], depth[both[:, 1]]
     part = np.where(near * far < 0, near / np.where(near == far, 1.0, near - far), np.inf)
@@ -254,20 +254,19 @@ def _snapped(
 
 def _largest_piece(
     vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]
-) -> tuple[Float[Array, "kept 3"], Int[Array, "triangle 3"]]:
+) -> tuple[Float[Array, "used 3"], Int[Array, "kept 3"]]:
     """The piece that hangs together by edges, with a vertex of its own where two of its corners touch."""
     vertices, triangles = _parted(vertices, triangles)
     links = triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2)
     graph = coo_array((np.ones(len(links)), links.T), shape=(len(vertices), len(vertices)))
     _, piece = connected_components(graph, directed=False)
     owner = piece[triangles[:, 0]]
-    kept, used = compact(vertices, triangles, owner == np.bincount(owner).argmax())
-    return kept, used
+    return compact(vertices, triangles, owner == np.bincount(owner).argmax())
 
 
 def _parted(
     vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]
-) -> tuple[Float[Array, "vertex 3"], Int[Array, "triangle 3"]]:
+) -> tuple[Float[Array, "point 3"], Int[Array, "triangle 3"]]:
     """One vertex for each fan of triangles: where two fans touch in a point, the point is doubled."""
     corner = np.arange(3 * len(triangles)).reshape(-1, 3)
     directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)

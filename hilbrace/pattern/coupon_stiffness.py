@@ -21,8 +21,8 @@ from hilbrace.shell import brace_stiffness, orthotropic
 
 Array = np.ndarray
 
-GRIP = 1000.0
-"""Modulus of the grips over that of the rubber [-]: clamps hold them rigid."""
+GRIP = 1e6
+"""Modulus of the grips over that of the rubber [-]: clamps hold them rigid, and even a short one must not bend."""
 PLATE_STEPS = 6
 """Steps of the mesh in a cell of the uniform sheet."""
 STRAIN_LIMIT = 0.10
@@ -44,6 +44,21 @@ class CouponPrediction:
     modulus: float
     volume_fraction: float
     strut_mm: float
+
+
+@dataclass(frozen=True)
+class DetailedStiffness:
+    """The stiffness of a test piece with every strut meshed.
+
+    Attributes:
+        stiffness: Force per lengthening, extrapolated to a mesh of no size [N/mm per MPa].
+        mesh_error: Stiffness by the finer of the two meshes over that, less 1 [-].
+        steps: Steps of the finer mesh in a cell.
+    """
+
+    stiffness: float
+    mesh_error: float
+    steps: int
 
 
 def predict(plan: CouponPlan, poisson: float = 0.45) -> CouponPrediction:
@@ -76,18 +91,27 @@ def sheet_stiffness(plan: CouponPlan, poisson: float) -> tuple[Float[Array, "3 3
     return stiffness[np.ix_(turn, turn)], volume
 
 
-def detailed_stiffness(plan: CouponPlan, poisson: float = 0.45, steps: int | None = None) -> float:
-    """The test piece with every strut meshed [N/mm per MPa].
+def detailed_stiffness(
+    plan: CouponPlan, poisson: float = 0.45, steps: int | None = None
+) -> DetailedStiffness:
+    """The test piece with every strut meshed.
+
+    In its plane the element is one of constant strain, which is too stiff for struts that bend, by the square
+    of its size. So the piece is computed twice and extrapolated to a mesh of no size (Richardson 1911).
 
     Args:
         plan: The test piece.
         poisson: Poisson's ratio of the rubber [-].
-        steps: Steps of the mesh in a cell; enough for the struts if left out.
+        steps: Steps of the coarser mesh in a cell; enough for the struts if left out.
     """
     check_plan(plan)
-    steps = strut_steps(plan) if steps is None else steps
-    sheet = lattice(_briefly_held(plan, steps), steps)
-    return _stretch(sheet, plan, None, poisson)
+    coarse = strut_steps(plan) if steps is None else steps
+    fine = coarse + coarse // 2
+    found = [
+        _stretch(lattice(_briefly_held(plan, each), each), plan, None, poisson) for each in (coarse, fine)
+    ]
+    limit = found[1] - (found[0] - found[1]) / ((fine / coarse) ** 2 - 1.0)
+    return DetailedStiffness(limit, found[1] / limit - 1.0, fine)
 
 
 def edge_study(
@@ -107,7 +131,8 @@ def edge_study(
     ratios = []
     for cells in across:
         each = replace(plan, across=cells, length=2 * cells)
-        ratios.append((cells, detailed_stiffness(each, poisson, steps) / predict(each, poisson).stiffness))
+        detailed = detailed_stiffness(each, poisson, steps).stiffness
+        ratios.append((cells, detailed / predict(each, poisson).stiffness))
     return ratios
 
 

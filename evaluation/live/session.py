@@ -203,7 +203,8 @@ class LabSession:
                 )
             self._begin(STANDING)
             self._busy = "standing trial"
-        return self._worker.submit(self._stand, round(STANDING_S * leg.rate_hz))
+            until = self.analysis.frames + round(STANDING_S * leg.rate_hz)
+        return self._worker.submit(self._stand, until)
 
     def zero_plates(self) -> "Future[str]":
         """Measure the empty plates, and subtract them from now on; the result follows when it is there.
@@ -268,9 +269,10 @@ class LabSession:
         self.study.add(take)
         return take
 
-    def _stand(self, frames: int) -> str:
+    def _stand(self, until: int) -> str:
+        """Wait until so many frames have come, and calibrate with the recording."""
         try:
-            until, deadline = self.analysis.frames + frames, time.monotonic() + LATEST_S
+            deadline = time.monotonic() + LATEST_S
             while self.analysis.frames < until and time.monotonic() < deadline:
                 time.sleep(0.02)
             with self._order:

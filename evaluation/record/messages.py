@@ -194,7 +194,7 @@ def decode(content: bytes, metadata: dict[str, str]) -> Item | Mark:
             return MarkerFrame(source, fields["frame"], _float(fields["device_time_s"]),
                                fields["host_time_ns"], np.array(places, float).reshape(-1, 3))  # fmt: skip
         case "plate":
-            columns = [[_float(value) for value in column] for column in fields["channels"].values()]
+            columns = list(fields["channels"].values())
             return PlateSamples(source, metadata["plate"], fields["sample"], _float(fields["device_time_s"]),
                                 fields["period_s"], fields["host_time_ns"],
                                 np.array(columns, float).T.reshape(-1, len(columns)))  # fmt: skip

@@ -46,6 +46,11 @@ class Pattern:
     area_fraction: float
     level_shift: float
 
+    @property
+    def fields(self) -> dict[str, Float[Array, " vertex"]]:
+        """What is known at each vertex, by the name it has in files."""
+        return {"d": self.d, "firm": self.firm, "strut_width_mm": self.strut_width_mm}
+
 
 @dataclass(frozen=True)
 class Solid:

@@ -158,7 +158,7 @@ def pattern(inputs: Inputs) -> Outcome:
         inputs.records["domain"], inputs.records["optimize"], config.pattern, config.material
     )
     surface = inputs.folder / "pattern.ply"
-    write_surface(surface, record.vertices, record.triangles)
+    write_surface(surface, record.vertices, record.triangles, record.fields)
     figures = {
         "triangles": len(record.triangles),
         "area_fraction": _rounded(record.area_fraction),
@@ -166,6 +166,7 @@ def pattern(inputs: Inputs) -> Outcome:
         "islands_dropped": record.islands_dropped,
         "min_strut_mm": _rounded(record.strut_width_min_mm),
         "median_strut_mm": _rounded(record.strut_width_median_mm),
+        "min_slit_mm": _rounded(record.slit_width_min_mm),
     }
     return Outcome(record, (surface,), {"pattern": figures})
 
@@ -178,7 +179,7 @@ def solid(inputs: Inputs) -> Outcome:
     )
     files = tuple(inputs.folder / f"brace.{kind}" for kind in ("stl", "ply", "glb"))
     for path in files:
-        write_surface(path, record.vertices, record.triangles)
+        write_surface(path, record.vertices, record.triangles, record.fields)
     figures = {
         "volume_ml": _rounded(record.volume_mm3 / 1000.0),
         "mass_g": _rounded(record.mass_g),
@@ -191,6 +192,7 @@ def solid(inputs: Inputs) -> Outcome:
         "expected_volume_ml": _rounded(record.expected_volume_mm3 / 1000.0),
         "volume_error": _rounded(record.volume_mm3 / record.expected_volume_mm3 - 1.0),
         "thickness_p01_mm": _rounded(record.thickness_p01_mm),
+        "thickness_min_mm": _rounded(record.thickness_min_mm),
         "folded_triangles": record.folded_triangles,
     }
     return Outcome(record, files, {"solid": figures})

@@ -166,6 +166,15 @@ def _amti(address: Address, name: str) -> Source:
     )
 
 
+def _lsl(address: Address, name: str) -> Source:
+    from evaluation.sources.lsl import LslStream
+
+    if not address.place:
+        raise _wrong(address.text, "the name of the stream is missing", f"write {EXAMPLES['lsl']}")
+    calibration = _calibration(address) if "calibration" in address.options else None
+    return LslStream(name, address.place, calibration, _placement(address))
+
+
 def _replay(address: Address, name: str) -> Source:
     from evaluation.sources.c3d_replay import C3DReplay
 
@@ -231,5 +240,6 @@ _KINDS: dict[str, tuple[Callable[[Address, str], Source], tuple[str, ...]]] = {
     "qualisys": (_qualisys, ()),
     "serial": (_serial, ("protocol", "baud", *_PLATE)),
     "amti": (_amti, ("rate", "auto_zero", *_PLATE)),
+    "lsl": (_lsl, _PLATE),
     "c3d": (_replay, ("speed", "up")),
 }

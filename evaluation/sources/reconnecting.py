@@ -17,8 +17,8 @@ from evaluation.sources.stream import (
     SourceInfo,
 )
 
-BACK_OFF_S = (0.5, 1.0, 2.0, 5.0)
-"""Waits between attempts to connect; the last one repeats."""
+BACK_OFF_S = (0.5, 0.5, 1.0)
+"""Waits between attempts to connect; the last one repeats. A plug put back is in use within two seconds."""
 
 SILENCE_S = 3.0
 """A source that has nothing for so long counts as broken off, since a pulled cable ends no connection."""
@@ -28,8 +28,8 @@ class Reconnecting:
     """A source that outlives its device.
 
     `open` fails as the source's own does, since a person waits for the answer. From then on a lost connection
-    is an event, and `read` tries again, first after half a second, later every five. What is missing follows
-    from the numbers of the frames before and after, and stands in a ``gap`` event in front of the latter.
+    is an event, and `read` tries again, after half a second at first, then every second. What is missing
+    follows from the numbers of the frames before and after, and stands in a ``gap`` event before the latter.
 
     Args:
         source: The source.

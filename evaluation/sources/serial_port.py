@@ -12,9 +12,6 @@ from serial.tools import list_ports
 
 from evaluation.sources.stream import LabError
 
-RETRY_S = (0.25, 0.5, 0.5, 0.5)
-"""Waits between attempts to open a port that vanished: it must be back in use within two seconds."""
-
 if importlib.util.find_spec("termios"):
     import termios
 

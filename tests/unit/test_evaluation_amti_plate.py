@@ -14,7 +14,6 @@ from evaluation.sources.amti_plate import AmtiPlate
 from evaluation.sources.arrival_model import ArrivalModel
 from evaluation.sources.probe import probe
 from evaluation.sources.reconnecting import Reconnecting
-from evaluation.sources.serial_port import RETRY_S
 from evaluation.sources.stream import LabError, ground_load
 from hilbrace.errors import InputError
 from mocks.plate_signal import AMTI_MATRIX
@@ -139,7 +138,7 @@ def test_cut_samples_are_noticed_at_once_and_dropped_ones_by_their_arrival(port)
 
 def test_a_pulled_plug_comes_back_with_the_old_zero_and_the_gap_is_an_estimate(port):
     with mock("amti_plate", port, "--empty", "--disconnect-at", "3.0", "--replug-after", "1.0") as tally:
-        source = Reconnecting(plate(port, auto_zero=True), back_off_s=RETRY_S)
+        source = Reconnecting(plate(port, auto_zero=True))
         info = source.open().plates[0]
         before = listen(source, 6.0, 250)
         zero = measure_zero("force", samples(before)[3], 200.0, AMTI, 0)

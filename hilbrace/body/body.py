@@ -31,6 +31,7 @@ class Body:
             0 for joints of a leg that a scan lacks.
         height_error_mm: Height of the skin less the subject's height [mm]; 0 where the skin is a leg alone.
         skinning: ``"dual_quaternion"`` or ``"linear"``.
+        weight_smoothing_mm: Diffusion length of the weights [mm].
     """
 
     model: str
@@ -48,26 +49,30 @@ class Body:
     fit_error_mm: Float[Array, " joint"]
     height_error_mm: float
     skinning: str = "dual_quaternion"
+    weight_smoothing_mm: float = 40.0
 
 
 @dataclass(frozen=True)
-class NeutralSkin:
-    """What a body model gives for one person: the skin on the skeleton in the neutral pose.
+class LooseSkin:
+    """What a body model gives for one person, before it hangs on the skeleton.
 
     Attributes:
         model: Name of the model.
         shape: Its shape coefficients; none for a mesh.
-        vertices: Skin on the skeleton's neutral pose [m].
+        vertices: Skin in the model's own pose [m].
         triangles: Skin triangles, outward.
-        weights: Smoothed weights in the order of `hilbrace.body.segments.BONES`.
-        joints: The model's own joint centres before they were moved [m], by name and side.
-        height_m: Height of the skin [m]; 0 where it is a leg alone.
+        raw_weights: Weights before smoothing, in the order of `hilbrace.body.segments.BONES`.
+        smoothed_on: Skin over which the weights are smoothed [m]: of a model its mean person, so that all
+            its bodies share them.
+        joints: The model's own joint centres [m], by name and side.
+        whole: False where the skin is a leg alone, which tells no height.
     """
 
     model: str
     shape: Float[Array, " coefficient"]
     vertices: Float[Array, "vertex 3"]
     triangles: Int[Array, "triangle 3"]
-    weights: Float[Array, "vertex bone"]
+    raw_weights: Float[Array, "vertex bone"]
+    smoothed_on: Float[Array, "vertex 3"]
     joints: dict[str, Float[Array, " 3"]]
-    height_m: float
+    whole: bool

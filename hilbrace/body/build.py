@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
 from hilbrace.body import fit
 from hilbrace.body.anny_lite import load_anny_lite
-from hilbrace.body.body import Body, NeutralSkin
+from hilbrace.body.bending import bends_whole
+from hilbrace.body.body import Body, LooseSkin
 from hilbrace.body.mesh import mesh_skin
 from hilbrace.body.mesh_joints import height_of_leg
 from hilbrace.body.model import BodyModel
@@ -31,6 +34,10 @@ MARKER_RADIUS = 0.007
 """Distance from the skin to the middle of a marker of the usual 14 mm [m]."""
 
 _ACROSS = {"knee": ("LFC", "MFC"), "ankle": ("LMAL", "MMAL")}
+
+SMOOTHING_MM = (40.0, 50.0, 60.0, 70.0, 80.0)
+"""Diffusion lengths of the weights [mm]: the first with which a bent knee stays whole is taken. 40 mm serves
+people of ordinary build; short and heavy legs need more."""
 
 ROUNDS = 3
 """Fits of the shape: height and volume change a little on the way to the neutral pose."""
@@ -117,29 +124,35 @@ def body_of(
         )
     target = skeleton_joints(skeleton_from_table(scaled_table(load_table(), scales, mass_kg)))
     if settings.model == "mesh":
-        skin = mesh_skin(target, height_m, settings)
+        loose = mesh_skin(target, height_m, settings)
     else:
         lengths = {**fit.target_figures(target), **(breadths or {})}
-        skin = fitted_skin(_model(settings), target, lengths, (mass_kg, height_m), settings)
-    leg = float(np.linalg.norm(target["hip_r"] - target["ankle_r"]))
-    height = skin.height_m
-    return Body(
-        model=skin.model,
+        loose = fitted_skin(_model(settings), target, lengths, (mass_kg, height_m), settings)
+    known = Body(
+        model=loose.model,
         mass_kg=mass_kg,
-        height_m=height_m if height_m > 0.0 else height or height_of_leg(leg),
+        height_m=height_m,
         scaled_bodies=tuple(scales),
         segment_scales=np.stack([np.asarray(scale, dtype=float) for scale in scales.values()]),
-        shape=skin.shape,
-        vertices=skin.vertices,
-        triangles=skin.triangles,
+        shape=loose.shape,
+        vertices=loose.vertices,
+        triangles=loose.triangles,
         bones=BONES,
-        bone_weights=skin.weights,
+        bone_weights=loose.raw_weights,
         joint_names=JOINTS,
         joint_centres=np.stack([target[name] for name in JOINTS]),
-        fit_error_mm=joint_distances(skin.joints, target) * MM_PER_M,
-        height_error_mm=(height - height_m) * MM_PER_M if height_m > 0.0 and height > 0.0 else 0.0,
+        fit_error_mm=joint_distances(loose.joints, target) * MM_PER_M,
+        height_error_mm=0.0,
         skinning=settings.skinning,
     )
+    if settings.weight_smoothing_mm is not None:
+        return _hung(known, loose, target, settings.weight_smoothing_mm)
+    body = _hung(known, loose, target, SMOOTHING_MM[0])
+    for length in SMOOTHING_MM[1:]:
+        if settings.skinning == "linear" or bends_whole(body):
+            break
+        body = _hung(known, loose, target, length)
+    return body
 
 
 def fitted_skin(
@@ -148,8 +161,8 @@ def fitted_skin(
     lengths: dict[str, float],
     size: tuple[float, float],
     settings: BodySettings,
-) -> NeutralSkin:
-    """The skin of a model with shape coefficients, on a skeleton.
+) -> LooseSkin:
+    """The skin of a model with shape coefficients, with the person's figures.
 
     Args:
         model: The body model.
@@ -159,18 +172,36 @@ def fitted_skin(
         settings: Settings of the skin.
     """
     mass, height = size
-    weights = smoothed_weights(
-        model.template, model.triangles, model.bone_weights(), settings.weight_smoothing_mm / MM_PER_M
-    )
-    shape, vertices = _fitted(model, weights, target, lengths, (mass / fit.DENSITY, height))
-    return NeutralSkin(
+    raw = model.bone_weights()
+    length = SMOOTHING_MM[0] if settings.weight_smoothing_mm is None else settings.weight_smoothing_mm
+    weights = smoothed_weights(model.template, model.triangles, raw, length / MM_PER_M)
+    shape = _fitted(model, weights, target, lengths, (mass / fit.DENSITY, height))
+    return LooseSkin(
         model=model.name,
         shape=shape,
-        vertices=vertices,
+        vertices=model.vertices(shape),
         triangles=np.array(model.triangles),
-        weights=weights,
+        raw_weights=raw,
+        smoothed_on=model.template,
         joints=model.joints(shape),
-        height_m=float(np.ptp(vertices[:, 1])),
+        whole=True,
+    )
+
+
+def _hung(known: Body, loose: LooseSkin, target: dict[str, Float[Array, " 3"]], length_mm: float) -> Body:
+    """The body with its skin on the skeleton, its weights smoothed over a length."""
+    weights = smoothed_weights(loose.smoothed_on, loose.triangles, loose.raw_weights, length_mm / MM_PER_M)
+    vertices = place(loose.joints, target).apply(loose.vertices, weights)
+    height = float(np.ptp(vertices[:, 1])) if loose.whole else known.height_m
+    if height == 0.0:
+        height = height_of_leg(float(np.linalg.norm(target["hip_r"] - target["ankle_r"])))
+    return replace(
+        known,
+        vertices=vertices,
+        bone_weights=weights,
+        height_m=known.height_m if known.height_m > 0.0 else height,
+        height_error_mm=(height - known.height_m) * MM_PER_M if known.height_m > 0.0 else 0.0,
+        weight_smoothing_mm=length_mm,
     )
 
 
@@ -184,15 +215,15 @@ def _fitted(
     target: dict[str, Float[Array, " 3"]],
     lengths: dict[str, float],
     size: tuple[float, float],
-) -> tuple[Float[Array, " coefficient"], Float[Array, "vertex 3"]]:
-    """Shape and neutral skin, whose volume [m^3] and height [m] (where not 0) are those of ``size``."""
+) -> Float[Array, " coefficient"]:
+    """Shape whose neutral skin has the volume [m^3] and height [m] (where not 0) of ``size``."""
     volume, height = size
     asked_volume, asked_height = size
-    shape, vertices = np.zeros(len(model.coefficient_names)), model.template
+    shape = np.zeros(len(model.coefficient_names))
     for _ in range(ROUNDS):
         whole = {"volume": float(np.log(asked_volume))} | ({"height": asked_height} if height > 0.0 else {})
         shape = fit.fit_shape(model, lengths | whole)
         vertices = place(model.joints(shape), target).apply(model.vertices(shape), weights)
         asked_volume *= volume / fit.enclosed_volume(vertices, model.triangles)[0]
         asked_height += height - float(np.ptp(vertices[:, 1]))
-    return shape, vertices
+    return shape

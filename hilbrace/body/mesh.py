@@ -11,15 +11,12 @@ from jaxtyping import Bool, Float, Int
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from hilbrace.body.body import NeutralSkin
+from hilbrace.body.body import LooseSkin
 from hilbrace.body.mesh_file import MeshSurface, read_mesh
 from hilbrace.body.mesh_joints import SIDES, Joints, mesh_joints
-from hilbrace.body.neutral import place
 from hilbrace.body.segments import BONES
-from hilbrace.body.skinning import smoothed_weights
 from hilbrace.config import BodySettings
 from hilbrace.errors import InputError
-from hilbrace.units import MM_PER_M
 
 Array = np.ndarray
 
@@ -34,8 +31,8 @@ TRUNK = 0.10
 """Height above the hips from which the skin is the trunk's [m]."""
 
 
-def mesh_skin(target: Joints, height_m: float, settings: BodySettings) -> NeutralSkin:
-    """The skin of a mesh on a skeleton.
+def mesh_skin(target: Joints, height_m: float, settings: BodySettings) -> LooseSkin:
+    """A mesh with its joints and weights.
 
     Args:
         target: Joint centres of the scaled skeleton in the neutral pose [m].
@@ -57,19 +54,15 @@ def mesh_skin(target: Joints, height_m: float, settings: BodySettings) -> Neutra
             hint="check body.mesh_units, body.mesh_up and subject.height_m; for one leg set body.mesh_legs",
         )
     joints = mesh_joints(surface, target, height_m, settings)
-    raw = leg_weights(surface, joints, SIDES[settings.mesh_legs])
-    weights = smoothed_weights(
-        surface.vertices, surface.triangles, raw, settings.weight_smoothing_mm / MM_PER_M
-    )
-    vertices = place(joints, target).apply(surface.vertices, weights)
-    return NeutralSkin(
+    return LooseSkin(
         model="mesh",
         shape=np.zeros(0),
-        vertices=vertices,
+        vertices=surface.vertices,
         triangles=surface.triangles,
-        weights=weights,
+        raw_weights=leg_weights(surface, joints, SIDES[settings.mesh_legs]),
+        smoothed_on=surface.vertices,
         joints=joints,
-        height_m=float(np.ptp(vertices[:, 1])) if whole > 0.0 else 0.0,
+        whole=whole > 0.0,
     )
 
 

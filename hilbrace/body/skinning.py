@@ -7,6 +7,7 @@ design. Weights diffused over some centimetres, blended as dual quaternions, kee
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import igl
 import numpy as np
@@ -23,6 +24,10 @@ Array = np.ndarray
 RINGS = 3
 """Rings of triangles kept around the bound points, so that the rim of the patch does not show inside."""
 SUBDIVISIONS = 2
+OTHER_LEG = {
+    side: tuple(f"{bone}_{other}" for bone in ("femur", "tibia", "calcn", "toes"))
+    for side, other in (("r", "l"), ("l", "r"))
+}
 LEAST_AREA = 1e-14
 """Twice the area below which a triangle counts as without area [m^2]."""
 
@@ -79,6 +84,20 @@ def bind(points: Float[Array, "point 3"], body: Body) -> Float[Array, "point bon
     shares = igl.barycentric_coordinates(closest, *(np.ascontiguousarray(vertices[c]) for c in corners.T))
     blended = np.einsum("pk,pkb->pb", np.clip(shares, 0.0, None), weights[corners])
     return blended / blended.sum(axis=1, keepdims=True)
+
+
+def one_leg(body: Body, side: str) -> Body:
+    """The body without the skin of the other leg.
+
+    Thighs and calves of heavy legs touch in the neutral pose; points of one must not hang on the other.
+
+    Args:
+        body: A body.
+        side: Leg to keep, ``"r"`` or ``"l"``.
+    """
+    other = [k for k, bone in enumerate(body.bones) if bone in OTHER_LEG[side]]
+    theirs = body.bone_weights[:, other].sum(axis=1) > 0.5
+    return replace(body, triangles=body.triangles[~theirs[body.triangles].any(axis=1)])
 
 
 def skin(

@@ -28,8 +28,10 @@ class BodySettings(Section):
     skinning: Literal["dual_quaternion", "linear"] = Field(
         default="dual_quaternion", description="how the bones' motions are blended on the skin"
     )
-    weight_smoothing_mm: float = Field(
-        default=40.0, ge=0, description="diffusion length of the skinning weights [mm]"
+    weight_smoothing_mm: float | None = Field(
+        default=None,
+        ge=0,
+        description="diffusion length of the skinning weights [mm]; 40, or what bent knees need, if left out",
     )
     mesh_units: Literal["m", "cm", "mm", "inch"] = Field(default="m", description="unit of the mesh file")
     mesh_up: Direction = Field(default="y", description="axis of the mesh file that points up")

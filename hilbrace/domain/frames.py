@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.body.body import Body
 from hilbrace.body.posing import bone_transforms
-from hilbrace.body.skinning import SKINNINGS, bind
+from hilbrace.body.skinning import SKINNINGS, bind, one_leg
 from hilbrace.errors import ConfigError, GeometryError, InputError
 from hilbrace.units import MM_PER_M
 
@@ -104,7 +104,7 @@ def pose_in_distal(
     centre = body.joint_centres[body.joint_names.index(joint)]
     rotations, translations = bone_transforms(body, coordinate_names, coordinates)
     points = rest / MM_PER_M + centre
-    posed = SKINNINGS[body.skinning](points, bind(points, body), rotations, translations)
+    posed = SKINNINGS[body.skinning](points, bind(points, one_leg(body, joint[-1])), rotations, translations)
     _check_bone(body, f"{_SKIN_BELOW[joint[:-2]]}_{joint[-1]}")
     # The talus carries no skin of its own: it is asked for by name, as any body of the skeleton can be.
     distal = replace(body, bones=(f"{_DISTAL[joint[:-2]]}_{joint[-1]}",))

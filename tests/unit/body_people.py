@@ -19,7 +19,7 @@ def scales_of(height_m: float) -> dict[str, np.ndarray]:
 
 
 @cache
-def person(mass_kg: float = 75.0, height_m: float = 1.75, smoothing_mm: float = 40.0) -> Body:
+def person(mass_kg: float = 75.0, height_m: float = 1.75, smoothing_mm: float | None = None) -> Body:
     return body_of(scales_of(height_m), mass_kg, height_m, BodySettings(weight_smoothing_mm=smoothing_mm))
 
 

@@ -88,6 +88,7 @@ class Dashboard:
         try:
             self._loop.run_until_complete(self._serve())
         finally:
+            self._loop.run_until_complete(_end_tasks())
             self._loop.run_until_complete(self._loop.shutdown_default_executor())
             self._loop.close()
             self._socket.close()
@@ -128,10 +129,10 @@ class Dashboard:
             return web.Response(status=403, text="Only the page itself may connect.\n")
         if len(self._pages) >= MOST_PAGES:
             return web.Response(status=503, text="Too many pages are open.\n")
-        page = web.WebSocketResponse(max_msg_size=LARGEST_MESSAGE, heartbeat=5.0, compress=False)
+        page = web.WebSocketResponse(timeout=1.0, max_msg_size=LARGEST_MESSAGE, heartbeat=5.0, compress=False)
         await page.prepare(request)
         self._pages.add(page)
-        sender = asyncio.create_task(self._send(page))
+        sender = asyncio.create_task(self._send(page, request.transport))
         try:
             async for message in page:
                 if message.type == WSMsgType.TEXT:
@@ -145,8 +146,11 @@ class Dashboard:
                 await sender
         return page
 
-    async def _send(self, page: web.WebSocketResponse) -> None:
-        """Send the state thirty times a second, with what is new of the curves."""
+    async def _send(self, page: web.WebSocketResponse, line: asyncio.Transport | None) -> None:
+        """Send the state thirty times a second, with what is new of the curves.
+
+        A page that does not take it is cut off, since a polite goodbye would wait for it as well.
+        """
         knee = force = 0
         while not page.closed:
             knee, knee_anew, knee_rows = self._session.analysis.knee_curve.since(knee)
@@ -156,6 +160,8 @@ class Dashboard:
                 "force_curve": {"anew": force_anew, "rows": force_rows},
             }
             if not await _deliver(page, {"state": state}):
+                if line is not None:
+                    line.abort()
                 return
             await asyncio.sleep(PERIOD_S)
 
@@ -183,6 +189,14 @@ class Dashboard:
             case {"order": "zero"}:
                 return _result(session.zero_plates())
         raise InputError("unknown order", where="page", hint="reload the page")
+
+
+async def _end_tasks() -> None:
+    """End whatever connections have left behind."""
+    left = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in left:
+        task.cancel()
+    await asyncio.gather(*left, return_exceptions=True)
 
 
 def _listen(port: int) -> socket.socket:
@@ -215,7 +229,6 @@ async def _deliver(page: web.WebSocketResponse, content: dict[str, Any]) -> bool
     try:
         await asyncio.wait_for(page.send_str(json.dumps(content, allow_nan=False)), SLOW_S)
     except (ConnectionError, TimeoutError):
-        await page.close()
         return False
     return True
 

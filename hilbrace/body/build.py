@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from jaxtyping import Float
 
@@ -123,36 +121,23 @@ def body_of(
             hint="set subject.mass_kg in the configuration",
         )
     target = skeleton_joints(skeleton_from_table(scaled_table(load_table(), scales, mass_kg)))
-    if settings.model == "mesh":
-        loose = mesh_skin(target, height_m, settings)
-    else:
-        lengths = {**fit.target_figures(target), **(breadths or {})}
-        loose = fitted_skin(_model(settings), target, lengths, (mass_kg, height_m), settings)
-    known = Body(
-        model=loose.model,
-        mass_kg=mass_kg,
-        height_m=height_m,
-        scaled_bodies=tuple(scales),
-        segment_scales=np.stack([np.asarray(scale, dtype=float) for scale in scales.values()]),
-        shape=loose.shape,
-        vertices=loose.vertices,
-        triangles=loose.triangles,
-        bones=BONES,
-        bone_weights=loose.raw_weights,
-        joint_names=JOINTS,
-        joint_centres=np.stack([target[name] for name in JOINTS]),
-        fit_error_mm=joint_distances(loose.joints, target) * MM_PER_M,
-        height_error_mm=0.0,
-        skinning=settings.skinning,
-    )
+    lengths = {**fit.target_figures(target), **(breadths or {})}
+    size = (mass_kg, height_m)
+    own = mesh_skin(target, height_m, settings) if settings.model == "mesh" else _model(settings)
+
+    def hang(length: float) -> Body:
+        loose = own if isinstance(own, LooseSkin) else fitted_skin(own, target, lengths, size, length)
+        return _hung(loose, target, length, size, scales, settings)
+
+    *first, last = _lengths_tried(settings)
+    return next((body for body in map(hang, first) if bends_whole(body)), None) or hang(last)
+
+
+def _lengths_tried(settings: BodySettings) -> tuple[float, ...]:
+    """Diffusion lengths of the weights to try [mm], until the knees bend whole."""
     if settings.weight_smoothing_mm is not None:
-        return _hung(known, loose, target, settings.weight_smoothing_mm)
-    body = _hung(known, loose, target, SMOOTHING_MM[0])
-    for length in SMOOTHING_MM[1:]:
-        if settings.skinning == "linear" or bends_whole(body):
-            break
-        body = _hung(known, loose, target, length)
-    return body
+        return (settings.weight_smoothing_mm,)
+    return SMOOTHING_MM[:1] if settings.skinning == "linear" else SMOOTHING_MM
 
 
 def fitted_skin(
@@ -160,7 +145,7 @@ def fitted_skin(
     target: dict[str, Float[Array, " 3"]],
     lengths: dict[str, float],
     size: tuple[float, float],
-    settings: BodySettings,
+    smoothing_mm: float,
 ) -> LooseSkin:
     """The skin of a model with shape coefficients, with the person's figures.
 
@@ -169,12 +154,11 @@ def fitted_skin(
         target: Joint centres of the skeleton in the neutral pose [m].
         lengths: Figures of `hilbrace.body.fit.measure` that are known.
         size: Mass [kg] and height [m] of the person; height 0 where unknown.
-        settings: Settings of the skin.
+        smoothing_mm: Diffusion length of the weights [mm]; height and volume change a little with it.
     """
     mass, height = size
     raw = model.bone_weights()
-    length = SMOOTHING_MM[0] if settings.weight_smoothing_mm is None else settings.weight_smoothing_mm
-    weights = smoothed_weights(model.template, model.triangles, raw, length / MM_PER_M)
+    weights = smoothed_weights(model.template, model.triangles, raw, smoothing_mm / MM_PER_M)
     shape = _fitted(model, weights, target, lengths, (mass / fit.DENSITY, height))
     return LooseSkin(
         model=model.name,
@@ -188,20 +172,38 @@ def fitted_skin(
     )
 
 
-def _hung(known: Body, loose: LooseSkin, target: dict[str, Float[Array, " 3"]], length_mm: float) -> Body:
+def _hung(
+    loose: LooseSkin,
+    target: dict[str, Float[Array, " 3"]],
+    smoothing_mm: float,
+    size: tuple[float, float],
+    scales: Scales,
+    settings: BodySettings,
+) -> Body:
     """The body with its skin on the skeleton, its weights smoothed over a length."""
-    weights = smoothed_weights(loose.smoothed_on, loose.triangles, loose.raw_weights, length_mm / MM_PER_M)
+    mass, height = size
+    weights = smoothed_weights(loose.smoothed_on, loose.triangles, loose.raw_weights, smoothing_mm / MM_PER_M)
     vertices = place(loose.joints, target).apply(loose.vertices, weights)
-    height = float(np.ptp(vertices[:, 1])) if loose.whole else known.height_m
-    if height == 0.0:
-        height = height_of_leg(float(np.linalg.norm(target["hip_r"] - target["ankle_r"])))
-    return replace(
-        known,
+    own = float(np.ptp(vertices[:, 1])) if loose.whole else height
+    if own == 0.0:
+        own = height_of_leg(float(np.linalg.norm(target["hip_r"] - target["ankle_r"])))
+    return Body(
+        model=loose.model,
+        mass_kg=mass,
+        height_m=height if height > 0.0 else own,
+        scaled_bodies=tuple(scales),
+        segment_scales=np.stack([np.asarray(scale, dtype=float) for scale in scales.values()]),
+        shape=loose.shape,
         vertices=vertices,
+        triangles=loose.triangles,
+        bones=BONES,
         bone_weights=weights,
-        height_m=known.height_m if known.height_m > 0.0 else height,
-        height_error_mm=(height - known.height_m) * MM_PER_M if known.height_m > 0.0 else 0.0,
-        weight_smoothing_mm=length_mm,
+        joint_names=JOINTS,
+        joint_centres=np.stack([target[name] for name in JOINTS]),
+        fit_error_mm=joint_distances(loose.joints, target) * MM_PER_M,
+        height_error_mm=(own - height) * MM_PER_M if height > 0.0 else 0.0,
+        skinning=settings.skinning,
+        weight_smoothing_mm=smoothing_mm,
     )
 
 

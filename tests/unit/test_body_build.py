@@ -53,7 +53,7 @@ def opencap(shared_data: Path) -> Trial:
     return trial_of(table.names, np.nanmean(table.positions, axis=0), "opencap", 60.0, 0.0)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(st.floats(50.0, 110.0), st.floats(1.5, 2.0))
 def test_height_and_mass_are_those_of_the_person(mass, height):
     body = body_of(scales_of(height), mass, height, BodySettings())

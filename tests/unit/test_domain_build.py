@@ -12,15 +12,17 @@ from hilbrace.domain.deformation import folded
 from hilbrace.domain.domain import Domain
 from hilbrace.domain.limb import Surface
 from hilbrace.domain.remesh import mesh_quality
-from hilbrace.domain.rim import rim_band
+from hilbrace.domain.rim import loop_distance, rim_band
 from hilbrace.run.records import load, pack, save
-from tests.unit.domain_body import LEFT, bending, mirrored_body, outwardness, synthetic_body
+from hilbrace.shell import build_shell
+from hilbrace.shell.boundary import boundary_loops
+from tests.unit.domain_body import LEFT, bending, domain_settings, mirrored_body, outwardness, synthetic_body
 
 FLEXION = np.linspace(0.0, 110.0, 12)
 
 
 def domain_of(**settings_of):
-    wanted = DomainSettings(**settings_of)
+    wanted = domain_settings(**settings_of)
     body = synthetic_body()
     return build_domain(
         body, bending(body, FLEXION, wanted.side), wanted.model_copy(update={"frames_per_second": 100.0})
@@ -29,7 +31,7 @@ def domain_of(**settings_of):
 
 @pytest.fixture(scope="module")
 def default():
-    return domain_of()
+    return domain_of(triangles=2000)
 
 
 def check_domain(domain, wanted):
@@ -59,7 +61,7 @@ def check_domain(domain, wanted):
     assert (first[:, 0] * second[:, 1] > first[:, 1] * second[:, 0]).all()
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     above=st.floats(0.2, 0.6),
     below=st.floats(0.2, 0.6),
@@ -69,7 +71,7 @@ def check_domain(domain, wanted):
     flatten=st.sampled_from(["lscm", "periodic"]),
 )
 def test_every_setting_gives_a_sound_domain(**settings_of):
-    wanted = DomainSettings(**settings_of)
+    wanted = domain_settings(**settings_of)
     check_domain(domain_of(**settings_of), wanted)
 
 
@@ -102,7 +104,7 @@ def test_the_motion_starts_at_rest_and_stretches_like_skin(default):
 
 def test_a_mirrored_body_has_the_mirrored_domain(default):
     body = mirrored_body(synthetic_body())
-    wanted = DomainSettings(side="right", frames_per_second=100.0)
+    wanted = DomainSettings(side="right", triangles=2000, frames_per_second=100.0)
     right = build_domain(body, bending(body, FLEXION, "right"), wanted)
     assert np.array_equal(right.vertices, default.vertices * LEFT)
     assert np.array_equal(right.triangles, default.triangles[:, [0, 2, 1]])
@@ -114,8 +116,77 @@ def test_a_mirrored_body_has_the_mirrored_domain(default):
     assert np.allclose(right.posed, default.posed * LEFT, atol=1e-6)
 
 
+DORSIFLEXION = np.radians([0.0, 15.0, -25.0, 0.0])
+INVERSION = np.radians([0.0, 0.0, 0.0, 15.0])
+
+
+@pytest.fixture(scope="module", params=["left", "right"])
+def ankle(request):
+    body, letter = synthetic_body(), request.param[0]
+    turns = {f"ankle_angle_{letter}": DORSIFLEXION, f"subtalar_angle_{letter}": INVERSION, "pelvis_tx": 0.4}
+    loads = bending(body, np.full(4, 20.0), request.param, **turns)
+    wanted = {"joint": "ankle", "side": request.param, "triangles": 1500, "frames_per_second": 100.0}
+    wanted |= {"upper_rim_mm": 15.0, "window_rim_mm": 5.0}
+    return build_domain(body, loads, domain_settings(**wanted))
+
+
+def test_an_ankle_brace_goes_from_shank_to_midfoot_with_an_open_heel(ankle):
+    upper, lower = ankle.vertices[ankle.upper_loop], ankle.vertices[ankle.lower_loop]
+    assert upper[:, 1].min() > 120.0
+    assert np.ptp(lower[:, 0]) < 15.0
+    assert lower[:, 0].min() > 40.0
+    (heel,) = ankle.window_loops
+    assert (ankle.vertices[heel, 0] < 15.0).all()
+    assert (ankle.vertices[heel, 1] < 0.0).all()
+    assert igl.euler_characteristic(ankle.triangles) == -1
+    loops = boundary_loops(ankle.triangles)
+    assert {frozenset(loop.tolist()) for loop in loops} == {
+        frozenset(loop.tolist()) for loop in (ankle.upper_loop, ankle.lower_loop, heel)
+    }
+    build_shell(ankle.vertices, ankle.triangles, ankle.upper_loop, ankle.lower_loop, 4.0, 0.45)
+
+
+def test_an_ankle_brace_is_seen_from_the_talus(ankle):
+    """In its frame the shank swings back when the foot comes up, and nothing else of the body shows."""
+    assert np.allclose(ankle.posed[0, ankle.lower_loop], ankle.vertices[ankle.lower_loop], atol=1.0)
+    top = ankle.vertices[ankle.upper_loop].mean(axis=0)
+    for frame in (1, 2):
+        turn = DORSIFLEXION[frame]
+        swung = ankle.posed[frame, ankle.upper_loop].mean(axis=0)
+        expected = top @ np.array(
+            [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
+        )
+        away = np.abs(np.arctan2(*swung[:2]) - np.arctan2(*expected[:2]))
+        assert np.degrees(away) < 3.0
+        assert np.allclose(ankle.posed[frame, ankle.lower_loop], ankle.vertices[ankle.lower_loop], atol=12.0)
+    sole = ankle.posed[3, ankle.lower_loop].mean(axis=0) - ankle.vertices[ankle.lower_loop].mean(axis=0)
+    assert np.linalg.norm(sole) > 2.0
+    ratio = np.linalg.det(ankle.deformation)
+    assert ratio.min() > 0.4
+    assert ratio.max() < 1.8
+
+
+def test_rims_have_widths_of_their_own(ankle):
+    assert np.array_equal(ankle.rims, [15.0, np.nan, 5.0], equal_nan=True)
+    band = rim_band(ankle, 8.0)
+    centres = ankle.vertices[ankle.triangles].mean(axis=1)
+    loops = (ankle.upper_loop, ankle.lower_loop, *ankle.window_loops)
+    for loop, width in zip(loops, (15.0, 8.0, 5.0), strict=True):
+        assert band.triangles[loop_distance(centres, ankle.vertices[loop]) <= width].all()
+    far = np.min([loop_distance(centres, ankle.vertices[loop]) for loop in loops], axis=0) > 15.0
+    assert not band.triangles[far].any()
+    assert (band.vertex_distance[ankle.window_loops[0]] == 0.0).all()
+
+
+def test_windows_of_a_mirrored_or_saved_domain_stay_what_they_are(ankle, tmp_path):
+    save(ankle, tmp_path / "domain.npz")
+    again = load(Domain, tmp_path / "domain.npz")
+    assert pack(again) == pack(ankle)
+    assert np.array_equal(again.window_loops[0], ankle.window_loops[0])
+
+
 def test_building_twice_gives_the_same_bytes(default):
-    assert pack(domain_of()) == pack(default)
+    assert pack(domain_of(triangles=2000)) == pack(default)
 
 
 def test_the_record_survives_the_disk(default, tmp_path):

@@ -27,7 +27,7 @@ from hilbrace.pattern.stitch import flat_values
 
 Array = np.ndarray
 
-OVERLAP = 0.3
+OVERLAP = 0.2
 """How far past the line of equal shares the soft pattern ends, and the firm one beyond it [cell sides]."""
 
 

@@ -30,7 +30,7 @@ def random_task(
     typical = float(np.median(vertex_map_length(domain)))
     settings = PatternSettings(
         scale=float(
-            np.clip(rng.uniform(1.0, 2.0) * _fitting(soft, firm_cell, strut, slit) / typical, 0.03, 0.4)
+            np.clip(rng.uniform(1.0, 1.5) * _fitting(soft, firm_cell, strut, slit) / typical, 0.03, 0.4)
         ),
         min_strut_mm=strut,
         min_slit_mm=slit,
@@ -57,9 +57,10 @@ def random_task(
 
 def _fitting(soft: str, firm: str, strut_mm: float, slit_mm: float) -> float:
     """Period [mm] of cells in which the least struts leave room for slits and for the design."""
-    curves = load_microstructures(soft, firm)
-    room = min(curves.soft.pinch_width, curves.firm.pinch_width)
-    return 1.3 * (strut_mm + slit_mm) / room
+    cells = load_microstructures(soft, firm)
+    least = [strut_mm / curves.width(0.35) for curves in (cells.soft, cells.firm)]
+    slits = [1.3 * (strut_mm + slit_mm) / curves.pinch_width for curves in (cells.soft, cells.firm)]
+    return float(max(least + slits))
 
 
 def feasible_design(

@@ -20,7 +20,7 @@ from hilbrace.pattern.thicken import border_edges, folded_triangles, manifold, s
 from hilbrace.run.records import pack
 from tests.unit.sleeve import sleeve_design, sleeve_domain
 
-DOMAIN = sleeve_domain(around=48, along=20, height_mm=160.0)
+DOMAIN = sleeve_domain(around=48, along=14, height_mm=110.0)
 SETTINGS = PatternSettings.model_validate(
     {"resolution_mm": 1.1, "min_strut_mm": 2.0, "scale": 0.1, "blend_mm": 25.0}
 )
@@ -53,7 +53,7 @@ def test_struts_are_wide_enough_by_an_independent_measure(pattern):
     rng = np.random.default_rng(0)
     corners = pattern.vertices[pattern.triangles]
     area = triangle_areas(pattern.vertices, pattern.triangles)
-    owner = rng.choice(len(area), 800_000, p=area / area.sum())
+    owner = rng.choice(len(area), 600_000, p=area / area.sum())
     points = np.einsum("pk,pkx->px", rng.dirichlet([1, 1, 1], len(owner)), corners[owner])
     ends = pattern.vertices[border_edges(pattern.triangles)]
     edge = np.concatenate(
@@ -61,7 +61,7 @@ def test_struts_are_wide_enough_by_an_independent_measure(pattern):
     )
     radius = 0.9 * SETTINGS.min_strut_mm / 2
     centres = points[cKDTree(edge).query(points)[0] >= radius]
-    uncovered = cKDTree(centres).query(points)[0] > radius + 0.2
+    uncovered = cKDTree(centres).query(points[::4])[0] > radius + 0.2
     assert uncovered.mean() < 5e-4
 
 
@@ -95,7 +95,7 @@ def test_inner_face_lies_on_the_skin(solid):
 
 
 def test_bands_close_both_ends(pattern):
-    for y in (-76.0, 76.0):
+    for y in (-51.0, 51.0):
         ring = pattern.vertices[np.abs(pattern.vertices[:, 1] - y) < 1.5]
         angles = np.sort(np.arctan2(ring[:, 2], ring[:, 0]))
         assert np.diff(angles).max() < 0.1

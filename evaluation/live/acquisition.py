@@ -292,8 +292,8 @@ class Acquisition:
             while not self._stopped.is_set():
                 self._pass_on(source.name, source.read(READ_S))
         except HilbraceError as fault:
-            watch.fail("fault", f"{fault.what}; {fault.hint}")
             self._pass_on(source.name, [_fault_event(source.name, fault)])
+            watch.fail("fault", f"{fault.what}; {fault.hint}")
         finally:
             if not self._stopped.is_set():
                 watch.give_up("the thread that reads it has ended")

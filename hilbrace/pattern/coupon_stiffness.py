@@ -22,7 +22,7 @@ from hilbrace.shell import brace_stiffness, orthotropic
 Array = np.ndarray
 
 GRIP = 1e6
-"""Modulus of the grips over that of the rubber [-]: clamps hold them rigid, and even a short one must not bend."""
+"""Modulus of the grips over that of the rubber [-]: clamps are rigid, and even a short grip must not bend."""
 PLATE_STEPS = 6
 """Steps of the mesh in a cell of the uniform sheet."""
 STRAIN_LIMIT = 0.10

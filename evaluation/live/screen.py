@@ -49,6 +49,7 @@ def session_state(session: LabSession) -> dict[str, Any]:
         "latency_ms": {
             "p50": _finite(session.analysis.latency.percentile(50)),
             "p99": _finite(session.analysis.latency.percentile(99)),
+            "recent_p99": _finite(session.analysis.latency.recent(99)),
         },
     }
 

@@ -142,6 +142,7 @@ def test_delays_are_counted_in_constant_memory():
         latency.add(float(delay))
     for percent in (50, 95, 99):
         assert latency.percentile(percent) == pytest.approx(np.percentile(delays, percent), abs=0.11)
+    assert latency.recent(99) == pytest.approx(np.percentile(delays[-1000:], 99), rel=0.05)
     latency.add(1e6)
     assert latency.counts[-1] == 1
     assert latency.largest_ms == 1e6

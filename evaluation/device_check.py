@@ -6,20 +6,12 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from serial.tools import list_ports as known_ports
-
 from evaluation.record.reading import missing_numbers
 from evaluation.sources.addresses import open_addresses
 from evaluation.sources.probe import probe
 from evaluation.sources.reconnecting import Reconnecting
 from evaluation.sources.stream import Item, MarkerFrame, PlateSamples, Source, SourceInfo
 from hilbrace.errors import HilbraceError
-
-
-def list_ports() -> list[dict[str, str]]:
-    """Serial ports of this computer and what is plugged in, by the operating system."""
-    ports = sorted(known_ports.comports(), key=lambda port: port.device)
-    return [{"port": port.device, "text": port.description or "serial port"} for port in ports]
 
 
 def probe_ports(ports: Sequence[str]) -> list[dict[str, str]]:

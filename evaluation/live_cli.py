@@ -235,9 +235,10 @@ def _recover(options: argparse.Namespace) -> int:
 
 
 def _devices(options: argparse.Namespace) -> int:
-    from evaluation.device_check import check_devices, list_ports, probe_ports
+    from evaluation.device_check import check_devices, probe_ports
+    from evaluation.sources.serial_port import serial_ports
 
-    ports = list_ports()
+    ports = [{"port": port.path, "text": port.description or "serial port"} for port in serial_ports()]
     content: dict[str, Any] = {"ports": ports}
     text = [f"{port['port']}   {port['text']}" for port in ports] or ["no serial port on this computer"]
     if options.probe:

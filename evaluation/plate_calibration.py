@@ -162,6 +162,8 @@ def plate_info(
         origin=origin,
         corners=origin + flat @ axes.T,
         zeroed=False,
+        noise_n=calibration.noise_n,
+        empty=tuple(calibration.empty.tolist()) if np.isfinite(calibration.empty).all() else (),
     )
 
 

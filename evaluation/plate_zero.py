@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from evaluation.plate_calibration import PlateCalibration
+from evaluation.sources.stream import PlateInfo
 from hilbrace.errors import InputError
 
 Array = np.ndarray
@@ -44,10 +44,8 @@ class PlateZero:
 
 
 def measure_zero(
-    plate: str,
+    plate: PlateInfo,
     values: Float[Array, "sample channel"],
-    rate_hz: float,
-    calibration: PlateCalibration,
     host_time_ns: int,
     previous: PlateZero | None = None,
 ) -> PlateZero:
@@ -58,39 +56,37 @@ def measure_zero(
     from the calibration's own) by more than `LARGEST_CHANGE_N`.
 
     Args:
-        plate: The plate's name.
-        values: Consecutive samples [count].
-        rate_hz: Samples per second [Hz].
-        calibration: The plate's calibration.
+        plate: The plate.
+        values: Consecutive samples, as the device sent them.
         host_time_ns: Instant of the last sample [ns].
         previous: The zero that was valid until now.
 
     Raises:
         InputError: The stretch is too short, or the plate was not empty and still.
     """
-    if len(values) < SHORTEST_S * rate_hz:
+    if len(values) < SHORTEST_S * plate.rate_hz:
         raise InputError(
-            f"{len(values) / rate_hz:.2f} s of samples are too short for a zero",
-            where=f"plate '{plate}'",
+            f"{len(values) / plate.rate_hz:.2f} s of samples are too short for a zero",
+            where=f"plate '{plate.name}'",
             hint=f"leave the plate empty for at least {SHORTEST_S:g} s",
         )
     mean = values.mean(axis=0)
-    force = (values - mean) @ calibration.matrix[FORCE_Z]
+    force = (values - mean) @ plate.calibration[FORCE_Z]
     noise = float(force.std())
     half = len(force) // 2
     drift = abs(float(force[:half].mean() - force[half:].mean()))
-    if max(noise, drift) > NOISE_FACTOR * calibration.noise_n:
+    if max(noise, drift) > NOISE_FACTOR * plate.noise_n:
         raise _loaded(
-            plate,
+            plate.name,
             f"its vertical force varies by {noise:.1f} N and drifts by {drift:.1f} N, "
-            f"{NOISE_FACTOR * calibration.noise_n:.1f} N are allowed",
+            f"{NOISE_FACTOR * plate.noise_n:.1f} N are allowed",
         )
-    before = calibration.empty if previous is None else previous.counts
-    change = float((mean - before) @ calibration.matrix[FORCE_Z])
-    if np.isfinite(change) and abs(change) > LARGEST_CHANGE_N:
+    before = np.array(plate.empty) if previous is None else previous.counts
+    change = float((mean - before) @ plate.calibration[FORCE_Z]) if len(before) else 0.0
+    if abs(change) > LARGEST_CHANGE_N:
         since = "its calibration" if previous is None else "the zero before"
-        raise _loaded(plate, f"its vertical force differs by {change:+.0f} N from {since}")
-    return PlateZero(plate, mean, noise, len(values), host_time_ns)
+        raise _loaded(plate.name, f"its vertical force differs by {change:+.0f} N from {since}")
+    return PlateZero(plate.name, mean, noise, len(values), host_time_ns)
 
 
 def _loaded(plate: str, why: str) -> InputError:

@@ -217,6 +217,8 @@ def _info(info: SourceInfo) -> dict[str, Any]:
             "origin": plate.origin.tolist(),
             "corners": _numbers(plate.corners),
             "zeroed": plate.zeroed,
+            "noise_n": plate.noise_n,
+            "empty": plate.empty,
         }
         for plate in info.plates
     ]
@@ -236,6 +238,8 @@ def _info_from(source: str, fields: dict[str, Any]) -> SourceInfo:
             origin=np.array(plate["origin"], float),
             corners=np.array([[_float(value) for value in corner] for corner in plate["corners"]]),
             zeroed=plate["zeroed"],
+            noise_n=plate.get("noise_n", PlateInfo.noise_n),
+            empty=tuple(plate.get("empty", ())),
         )
         for plate in fields["plates"]
     )

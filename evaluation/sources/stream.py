@@ -60,6 +60,8 @@ class PlateInfo:
         origin: Point about which the moments are taken, in the laboratory [m].
         corners: Corners of the surface in the laboratory [m]; NaN where unknown.
         zeroed: The device subtracts its own zero; otherwise the reader does (`zero` of `ground_load`).
+        noise_n: Standard deviation of the vertical force of the plate at rest [N].
+        empty: What the channels of the empty plate read when it was calibrated; without values if unknown.
     """
 
     name: str
@@ -71,6 +73,8 @@ class PlateInfo:
     origin: Float[Array, " 3"]
     corners: Float[Array, "4 3"]
     zeroed: bool
+    noise_n: float = 2.0
+    empty: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

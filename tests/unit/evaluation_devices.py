@@ -28,6 +28,8 @@ PLATE = PlateInfo(
     origin=np.zeros(3),
     corners=np.full((4, 3), np.nan),
     zeroed=True,
+    noise_n=0.7,
+    empty=(0.5, 0.0, 1.0, 0.0, 0.0, 2.0),
 )
 INFO = SourceInfo("lab", "a device", ("TH1", "TH2", "HIP"), 200.0, "z", (PLATE,))
 

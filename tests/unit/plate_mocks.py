@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.plate_calibration import PlateCalibration
-from evaluation.sources.stream import Item, PlateSamples, Source, SourceEvent
+from evaluation.plate_calibration import Placement, PlateCalibration, plate_info
+from evaluation.sources.stream import Item, PlateInfo, PlateSamples, Source, SourceEvent
 from mocks import plate_signal
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -32,6 +32,12 @@ def amti_calibration() -> PlateCalibration:
     depth = 1e-3 * plate_signal.AMTI_DEPTH_MM
     matrix = -plate_signal.AMTI_MATRIX * N_AND_NMM
     return PlateCalibration("076", matrix, "down", -depth, (0.5, 0.5), 1.0, np.full(12, np.nan))
+
+
+def raw_plate(name: str, rate_hz: float, calibration: PlateCalibration) -> PlateInfo:
+    """A plate of raw counts at the laboratory's origin."""
+    channels = tuple(f"c{k}" for k in range(calibration.matrix.shape[1]))
+    return plate_info(name, rate_hz, channels, calibration, Placement())
 
 
 class Tally:

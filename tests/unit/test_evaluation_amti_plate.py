@@ -24,6 +24,7 @@ from tests.unit.plate_mocks import (
     events,
     listen,
     mock,
+    raw_plate,
     samples,
 )
 
@@ -141,7 +142,7 @@ def test_a_pulled_plug_comes_back_with_the_old_zero_and_the_gap_is_an_estimate(p
         source = Reconnecting(plate(port, auto_zero=True))
         info = source.open().plates[0]
         before = listen(source, 6.0, 250)
-        zero = measure_zero("force", samples(before)[3], 200.0, AMTI, 0)
+        zero = measure_zero(raw_plate("force", 200.0, AMTI), samples(before)[3], 0)
         items = before + listen(source, 5.5)
         source.close()
     assert tally.zeroed == 1

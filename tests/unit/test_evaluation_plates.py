@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 
 from evaluation.plate_calibration import Placement, corner_matrix, load_calibration, plate_info
 from evaluation.plate_loads import centre_of_pressure, contacts, without_drift
+from evaluation.live.zeroing import empty_plate
 from evaluation.plate_zero import measure_zero
 from evaluation.sources.stream import ground_load
 from hilbrace.errors import InputError
-from tests.unit.plate_mocks import amti_calibration
+from tests.unit.plate_mocks import amti_calibration, raw_plate
 
 RNG = np.random.default_rng(5)
 MATRIX = RNG.normal(size=(6, 12))
@@ -149,7 +150,7 @@ def resting(newtons: np.ndarray, offset: float = 0.0) -> np.ndarray:
 
 def test_the_zero_of_an_empty_plate_is_its_mean():
     noise = np.random.default_rng(1).normal(0, 1.0, 300)
-    zero = measure_zero("p", resting(noise, 17.0), 200.0, CALIBRATION, 99)
+    zero = measure_zero(raw_plate("p", 200.0, CALIBRATION), resting(noise, 17.0), 99)
     np.testing.assert_allclose(zero.counts, 17.0 + noise.mean() * PULL)
     assert zero.noise_n == pytest.approx(noise.std(), rel=1e-9)
     assert (zero.samples, zero.host_time_ns) == (300, 99)
@@ -160,18 +161,28 @@ def test_a_plate_that_is_not_empty_and_still_is_not_zeroed():
     quiet = rng.normal(0, 1.0, 400)
     at = np.arange(400) / 200
     with pytest.raises(InputError, match="too short"):
-        measure_zero("p", resting(quiet[:150]), 200.0, CALIBRATION, 0)
+        measure_zero(raw_plate("p", 200.0, CALIBRATION), resting(quiet[:150]), 0)
     for loaded in (-700 + 6 * np.sin(7 * at), quiet - 10 * at, np.where(at > 1.9, -400.0, 0) + quiet):
         with pytest.raises(InputError, match=r"not empty and still.*varies by") as caught:
-            measure_zero("p", resting(loaded), 200.0, CALIBRATION, 0)
+            measure_zero(raw_plate("p", 200.0, CALIBRATION), resting(loaded), 0)
         assert "step off" in caught.value.hint
-    first = measure_zero("p", resting(quiet), 200.0, CALIBRATION, 0)
-    measure_zero("p", resting(quiet - 15.0), 200.0, CALIBRATION, 0, first)
+    first = measure_zero(raw_plate("p", 200.0, CALIBRATION), resting(quiet), 0)
+    measure_zero(raw_plate("p", 200.0, CALIBRATION), resting(quiet - 15.0), 0, first)
     with pytest.raises(InputError, match="differs by -25 N from the zero before"):
-        measure_zero("p", resting(quiet - 25.0), 200.0, CALIBRATION, 0, first)
+        measure_zero(raw_plate("p", 200.0, CALIBRATION), resting(quiet - 25.0), 0, first)
     known = replace(CALIBRATION, empty=np.zeros(12))
     with pytest.raises(InputError, match="differs by -650 N from its calibration"):
-        measure_zero("p", resting(quiet - 650.0), 200.0, known, 0)
+        measure_zero(raw_plate("p", 200.0, known), resting(quiet - 650.0), 0)
+
+
+def test_a_first_zero_in_the_laboratory_knows_the_calibration_s_noise_and_its_empty_plate():
+    still = np.random.default_rng(3).normal(0, 0.4, 400)
+    known = raw_plate("p", 200.0, replace(CALIBRATION, noise_n=0.4, empty=np.full(12, 17.0)))
+    np.testing.assert_allclose(empty_plate(known, resting(still, 17.0), None), 17.0 + still.mean() * PULL)
+    with pytest.raises(InputError, match="differs by -650 N from its calibration"):
+        empty_plate(known, resting(still - 650.0, 17.0), None)
+    with pytest.raises(InputError, match=r"varies by 1\.6 N.*1\.2 N are allowed"):
+        empty_plate(known, resting(4 * still, 17.0), None)
 
 
 @given(

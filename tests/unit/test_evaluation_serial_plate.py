@@ -19,7 +19,7 @@ from evaluation.sources.serial_port import SerialLine, serial_ports
 from evaluation.sources.stream import LabError, PlateSamples, SourceInfo, ground_load
 from hilbrace.errors import InputError
 from mocks.plate_signal import numbered
-from tests.unit.plate_mocks import built_calibration, events, listen, mock, samples
+from tests.unit.plate_mocks import built_calibration, events, listen, mock, raw_plate, samples
 
 BUILT = built_calibration()
 
@@ -87,7 +87,7 @@ def test_a_pulled_plug_comes_back_within_two_seconds_with_the_old_zero(port, res
         source = Reconnecting(plate(port))
         info = source.open().plates[0]
         before = listen(source, 5.0, 1000)
-        zero = measure_zero("bench", samples(before)[3][:1000], 1000.0, BUILT, 0)
+        zero = measure_zero(raw_plate("bench", 1000.0, BUILT), samples(before)[3][:1000], 0)
         items = before + listen(source, 6.5)
         source.close()
     times = {kind: events(items, kind)[-1].host_time_ns for kind in ("disconnected", "connected")}
@@ -115,7 +115,7 @@ def test_a_load_on_the_plate_is_the_one_that_was_put_there(port):
     played = scene.synthetic()
     loads = played.loads.reshape(-1, 6)
     assert played.rate_hz * played.samples == 1000.0
-    zero = measure_zero("bench", values[:1000], 1000.0, BUILT, 0).counts
+    zero = measure_zero(raw_plate("bench", 1000.0, BUILT), values[:1000], 0).counts
     got = ground_load(info, values, zero)
     truth = loads[number % len(loads)]
     on_subject = np.hstack([-truth[:, :3], -truth[:, 3:]]) * [1, -1, -1, 1, -1, -1]

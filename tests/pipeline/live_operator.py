@@ -17,8 +17,12 @@ from pathlib import Path
 from evaluation.live import acquisition
 from evaluation.live.session import LabSession
 from evaluation.live.settings import LabSettings
+from evaluation.measure import measure_study
+from evaluation.results import evaluate
 from evaluation.sources.addresses import open_addresses
 from evaluation.sources.reconnecting import Reconnecting
+from evaluation.study import read_study
+from evaluation.tables import table_json
 from tests.pipeline.live_mocks import Mock, vicon, wait_for
 
 STANDING_FRAMES = 400
@@ -66,7 +70,13 @@ def measure(study: Path, folder: Path, frames: int) -> dict:
             tally = [asdict(row) for row in session.tally()]
         finally:
             session.stop()
-    return {"tally": tally, "notes": [list(take.notes) for take in session.takes]}
+    notes = [list(take.notes) for take in session.takes]
+    return {"tally": tally, "notes": notes, "live": table(folder / "study.toml"), "files": table(study)}
+
+
+def table(study: Path) -> list[dict]:
+    """The cells that ``hilbrace evaluate table`` prints, without its figures."""
+    return table_json(evaluate(measure_study(read_study(study)), 0))["cells"]
 
 
 if __name__ == "__main__":

@@ -75,6 +75,7 @@ def add_live_commands(commands: Any, command: Any) -> None:
         commands, "record", _record, "record devices to one MCAP file that survives a crash",
         "hilbrace evaluate record vicon://192.168.1.10 --out walk.mcap --seconds 10",
     )  # fmt: skip
+    record.epilog += "; exit code 1 says that a device or this computer lost something"
     record.add_argument("devices", nargs="+", metavar="ADDRESS", help="devices, as vicon://192.168.1.10")
     record.add_argument(
         "--out",
@@ -84,6 +85,11 @@ def add_live_commands(commands: Any, command: Any) -> None:
         help="the recording (default: take.mcap); the next free name if it exists",
     )
     record.add_argument("--condition", metavar="NAME", help="brace condition to note in the recording")
+    record.add_argument(
+        "--stomps",
+        metavar="MARKER",
+        help="marker on the heel whose stomps tell the clock of a plate with a clock of its own",
+    )
     record.add_argument("--c3d", action="store_true", help="write a C3D file beside it")
     _common_options(record)
 
@@ -167,8 +173,11 @@ def _record(options: argparse.Namespace) -> int:
     acquisition = Acquisition(open_addresses(options.devices), analyse=False)
     acquisition.connect()
     begun = Answer()
+    content: dict[str, Any] = {"devices": options.devices}
+    if options.stomps:
+        content["stomps"] = options.stomps
     recorder = acquisition.recorder
-    recorder.mailbox.order(Begin(options.out, {"devices": options.devices}, begun))
+    recorder.mailbox.order(Begin(options.out, content, begun))
     if options.condition:
         recorder.mailbox.order(Note("condition", options.condition, {}))
     acquisition.start()
@@ -183,7 +192,7 @@ def _record(options: argparse.Namespace) -> int:
         health = acquisition.health()
         acquisition.stop()
     written = ended.wait()
-    content: dict[str, Any] = {
+    content = {
         "recording": str(written.path),
         "seconds": round(written.seconds, 3),
         "bytes": written.bytes,
@@ -191,7 +200,16 @@ def _record(options: argparse.Namespace) -> int:
         "samples": written.samples,
         "lost": written.lost,
         "dropped": written.dropped,
-        "devices": [{"name": device.name, "state": device.state, "lost": device.lost} for device in health],
+        "devices": [
+            {
+                "name": device.name,
+                "state": device.state,
+                "lost": device.lost,
+                "drift_ppm": device.drift_ppm,
+                "drift_error_ppm": device.drift_error_ppm,
+            }
+            for device in health
+        ],
     }
     text = [
         f"{written.path}: {written.frames} frames, {written.samples} plate samples, {written.lost} lost, "

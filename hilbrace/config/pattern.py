@@ -10,8 +10,18 @@ from hilbrace.config.section import Section
 class PatternSettings(Section):
     """The microstructure on the surface."""
 
-    scale: float = Field(
-        default=0.08, gt=0.01, lt=0.5, description="period of the cells in the flat map (paper: 0.08)"
+    scale: float | None = Field(
+        default=None,
+        gt=0.01,
+        lt=0.5,
+        description="period of the cells in the flat map (paper: 0.08); from period_mm if left out",
+    )
+    period_mm: float | None = Field(
+        default=None,
+        gt=5,
+        lt=300,
+        description="period of the cells on the limb [mm]; 80 on a knee and 60 on an ankle if left out. Wide "
+        "cells can be thinned out further before their struts are too narrow to cast",
     )
     min_strut_mm: float = Field(default=1.5, gt=0, description="narrowest strut that can be cast [mm]")
     min_slit_mm: float = Field(default=1.0, ge=0, description="narrowest slit that can be cast [mm]")

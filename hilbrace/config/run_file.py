@@ -73,6 +73,12 @@ def parse_config(content: dict[str, Any], where: str) -> Config:
     except ValidationError as fault:
         raise _explain(fault, where) from None
     _check_angles(config, where)
+    if config.pattern.scale is not None and config.pattern.period_mm is not None:
+        raise ConfigError(
+            "'pattern.scale' and 'pattern.period_mm' both say how wide the cells are",
+            where=where,
+            hint="keep one of the two",
+        )
     return config
 
 

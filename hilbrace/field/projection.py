@@ -61,8 +61,8 @@ def project_to_volume(
         raise SolverError(
             f"no design has the volume {target:g}",
             where=f"volumes from {target + at_low:g} to {target + at_high:g} can be reached",
-            hint="set optimize.volume_fraction inside this range; a larger pattern.scale or a smaller "
-            "pattern.min_strut_mm widens it",
+            hint="set optimize.volume_fraction inside this range; wider cells (pattern.period_mm) or a "
+            "smaller pattern.min_strut_mm widens it",
         )
     root = torch.tensor(brentq(excess, low, high, xtol=1e-14), dtype=torch.float64)
     bias = root - (volume_of_d(project(logits, root)) - target) / _slope(frozen, volume_of_d, root)

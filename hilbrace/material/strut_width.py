@@ -11,7 +11,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from hilbrace.config import PatternSettings
+from hilbrace.domain.domain import Domain
+
 Array = np.ndarray
+
+CELL_PERIOD_MM = {"knee": 80.0, "ankle": 60.0}
+"""Period of the cells on the limb where the configuration leaves it out [mm]."""
 
 
 def strut_width_mm(width: Any, scale: float, mm_per_uv: Any) -> Any:
@@ -40,6 +46,31 @@ def maximum_width(pinch_width: Any, slit_mm: float, scale: float, mm_per_uv: Any
         mm_per_uv: Length of one unit of the flat map at the point [mm].
     """
     return pinch_width - slit_mm / (scale * mm_per_uv)
+
+
+def wanted_scale(pattern: PatternSettings, domain: Domain) -> float:
+    """Period of the cells in the flat map that the settings ask for, before it is closed around the limb.
+
+    Args:
+        pattern: The period in the map, on the limb, or neither.
+        domain: The brace's surface and its map.
+    """
+    if pattern.scale is not None:
+        return pattern.scale
+    period_mm = pattern.period_mm or CELL_PERIOD_MM[domain.joint.split("_")[0]]
+    corners = domain.vertices[domain.triangles]
+    area_mm2 = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    flat = domain.uv[domain.cut_triangles]
+    first, second = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    area_uv = 0.5 * np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+    return period_mm / float(np.sqrt(area_mm2.sum() / area_uv.sum()))
+
+
+def cell_scale(pattern: PatternSettings, domain: Domain) -> float:
+    """Period of the cells in the flat map, closed around the limb; see `wanted_scale`, `effective_scale`."""
+    return effective_scale(wanted_scale(pattern, domain), domain.period_u)
 
 
 def effective_scale(scale: float, period_u: float) -> float:

@@ -24,7 +24,7 @@ from hilbrace.field import GaussianField
 from hilbrace.material.curves import Microstructures, load_microstructures
 from hilbrace.material.neo_hookean import worst_energy_density
 from hilbrace.material.segmentation import Method
-from hilbrace.material.strut_width import effective_scale, map_length, maximum_width, minimum_width
+from hilbrace.material.strut_width import cell_scale, map_length, maximum_width, minimum_width
 from hilbrace.optimize.joint_response import FLEXION, JointMotion, joint_motion
 from hilbrace.shell import (
     LoadPattern,
@@ -165,7 +165,7 @@ def build_problem(
         rim=torch.from_numpy(band.triangles),
         cells=load_microstructures(soft=material.soft, firm=material.firm),
         solid_modulus=material.youngs_modulus_mpa,
-        scale=effective_scale(pattern.scale, domain.period_u),
+        scale=cell_scale(pattern, domain),
         limits=(pattern.min_strut_mm, pattern.min_slit_mm),
         blend_mm=pattern.blend_mm,
         unit_energy=torch.from_numpy(

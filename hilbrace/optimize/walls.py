@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from hilbrace.config import MaterialSettings, PatternSettings
 from hilbrace.domain.domain import Domain
-from hilbrace.material.strut_width import effective_scale, map_length
+from hilbrace.material.strut_width import cell_scale, map_length
 from hilbrace.material.walls import blended_walls
 from hilbrace.optimize.design import Design
 from hilbrace.shell import Section, map_directions
@@ -59,5 +59,5 @@ def cell_side_mm(domain: Domain, pattern: PatternSettings) -> Float[Array, " tri
         domain: The brace's surface and its flat map.
         pattern: Scale of the cells.
     """
-    scale = effective_scale(pattern.scale, domain.period_u)
+    scale = cell_scale(pattern, domain)
     return scale / 2 * map_length(domain.vertices, domain.triangles, domain.uv, domain.cut_triangles)

@@ -19,7 +19,7 @@ from hilbrace.config import MaterialSettings, PatternSettings
 from hilbrace.domain.domain import Domain
 from hilbrace.material.cells import cell_distance, fold
 from hilbrace.material.curves import load_microstructures
-from hilbrace.material.strut_width import effective_scale, map_length, minimum_width
+from hilbrace.material.strut_width import cell_scale, map_length, minimum_width
 from hilbrace.optimize.design import Design
 from hilbrace.pattern.clip import zero_line
 from hilbrace.pattern.refine import RefinedSkin
@@ -86,7 +86,7 @@ def blended_pattern(
         material: Names of the two cells.
     """
     cells = load_microstructures(material.soft, material.firm)
-    scale = effective_scale(settings.scale, domain.period_u)
+    scale = cell_scale(settings, domain)
     flat = flat_values(domain, skin, design.width_vertex, max(settings.seam_mm, settings.min_strut_mm))
     u, v = (fold(flat.uv[:, k], scale) for k in range(2))
     length = skin.from_vertices(domain.triangles, vertex_map_length(domain))

@@ -9,7 +9,7 @@ from hilbrace.config import PatternSettings
 from hilbrace.domain.domain import Domain
 from hilbrace.errors import ConfigError, InputError
 from hilbrace.material.curves import Microstructures
-from hilbrace.material.strut_width import effective_scale, minimum_width
+from hilbrace.material.strut_width import cell_scale, minimum_width, wanted_scale
 from hilbrace.optimize.design import Design
 
 Array = np.ndarray
@@ -71,14 +71,16 @@ def check_cells(
     extent = np.ptp(domain.uv, axis=0)
     width = min(float(extent[0] if domain.period_u <= 0 else domain.period_u), float(extent[1]))
     typical = float(np.median(map_length))
-    if settings.scale > width:
+    wanted = wanted_scale(settings, domain)
+    key = "pattern.scale" if settings.scale is not None else "pattern.period_mm"
+    if wanted > width:
         raise ConfigError(
-            f"one period of the cells is {settings.scale * typical:.0f} mm long, the brace only "
+            f"one period of the cells is {wanted * typical:.0f} mm long, the brace only "
             f"{width * typical:.0f} mm",
-            where="pattern.scale",
-            hint=f"set it below {width / 2:.2f}",
+            where=key,
+            hint=f"set it below {width / 2 * (1.0 if settings.scale is not None else typical):.2f}",
         )
-    scale = effective_scale(settings.scale, domain.period_u)
+    scale = cell_scale(settings, domain)
     least = minimum_width(settings.min_strut_mm, scale, map_length)
     filled = least >= cells.pinch_width(design.firm_vertex)
     if filled.mean() > 0.5:
@@ -87,8 +89,8 @@ def check_cells(
         raise ConfigError(
             f"struts of {settings.min_strut_mm:g} mm leave no holes in cells of {cell:.1f} mm",
             where="pattern.min_strut_mm",
-            hint=f"set it below {room:.1f}, or raise pattern.scale above "
-            f"{settings.scale * settings.min_strut_mm / room:.2f}",
+            hint=f"set it below {room:.1f}, or widen the cells "
+            f"{settings.min_strut_mm / room:.1f} times ({key})",
         )
 
 

@@ -71,6 +71,8 @@ def stage_key(stage: Stage, config: Config, upstream: dict[str, str]) -> str:
     """Digest of all that a stage's result depends on."""
     sections = {name: getattr(config, name).model_dump(mode="json") for name in stage.sections}
     inputs = _input_digests(config) if "motion" in stage.sections else []
+    if "domain" in stage.sections:
+        inputs += [runs.file_digest(path) for path in painted_files(config)]
     if "material" in stage.sections:
         inputs += [cell_digest(name) for name in own_cells(config)]
     return runs.digest(
@@ -136,6 +138,12 @@ def _input_digests(config: Config) -> list[str]:
     if config.motion.marker_map.endswith(".toml"):
         paths.append(Path(config.motion.marker_map))
     return [runs.file_digest(path) for path in paths]
+
+
+def painted_files(config: Config) -> list[Path]:
+    """Files of painted skin that the domain is cut by."""
+    domain = config.domain
+    return [path for path in (domain.painted, *(relief.painted for relief in domain.reliefs)) if path]
 
 
 def own_cells(config: Config) -> list[str]:

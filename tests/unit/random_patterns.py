@@ -10,7 +10,7 @@ from hilbrace.config import MaterialSettings, PatternSettings
 from hilbrace.domain.domain import Domain
 from hilbrace.material.blending import blend_map
 from hilbrace.material.curves import load_microstructures
-from hilbrace.material.strut_width import effective_scale, maximum_width, minimum_width
+from hilbrace.material.strut_width import cell_scale, maximum_width, minimum_width
 from hilbrace.optimize.design import Design
 from hilbrace.pattern.implicit import vertex_map_length
 from tests.unit.sleeve import sleeve_design
@@ -73,7 +73,7 @@ def feasible_design(
     """A design whose struts and slits are wide enough by the curves; ``field`` is 0 to 1 in between."""
     cells = load_microstructures(material.soft, material.firm)
     length = vertex_map_length(domain)
-    scale = effective_scale(settings.scale, domain.period_u)
+    scale = cell_scale(settings, domain)
     low = cells.design_variable(minimum_width(settings.min_strut_mm, scale, length), firm).clip(0.0, 0.9)
     high = maximum_width(cells.pinch_width(firm), settings.min_slit_mm, scale, length)
     high = np.maximum(cells.design_variable(high, firm).clip(max=1.0), low + 0.1)

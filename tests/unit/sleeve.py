@@ -12,7 +12,7 @@ from hilbrace.domain.rim import rim_band
 from hilbrace.domain.seam import Cut
 from hilbrace.material.blending import blend_map
 from hilbrace.material.curves import load_microstructures
-from hilbrace.material.strut_width import effective_scale, map_length, minimum_width
+from hilbrace.material.strut_width import cell_scale, map_length, minimum_width
 from hilbrace.optimize.design import LOSSES, Design
 
 CELLS = load_microstructures("sinusoidal", "voronoi_open")
@@ -87,7 +87,7 @@ def sleeve_design(
         d = 0.55 + 0.35 * np.cos(turn) * np.cos(np.pi * domain.uv[:, 1] / np.ptp(domain.uv[:, 1]))
     d_vertex = np.broadcast_to(np.asarray(d, float), len(domain.uv))
     firm_cut = firm_vertex[domain.weld]
-    scale = effective_scale(settings.scale, domain.period_u)
+    scale = cell_scale(settings, domain)
     length = map_length(vertices, domain.triangles, domain.uv, domain.cut_triangles)
     at_vertex = np.bincount(domain.triangles.ravel(), np.repeat(length, 3)) / np.bincount(
         domain.triangles.ravel()

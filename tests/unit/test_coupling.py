@@ -31,7 +31,7 @@ def _problem(**settings: object) -> Problem:
         knee_domain(loads, around=16, along=10),
         OptimizeSettings(**settings),
         MaterialSettings(),
-        PatternSettings(rim_mm=10.0),
+        PatternSettings(scale=0.08, rim_mm=10.0),
     )
 
 
@@ -204,7 +204,9 @@ def test_an_ankle_has_its_own_angles_on_both_sides():
         loads = knee_loads()
         domain = replace(knee_domain(loads, around=16, along=10), joint=f"ankle_{side}")
         settings = OptimizeSettings(preserve=("dorsiflexion",), prevent=("inversion",))
-        problem = build_problem(loads, domain, settings, MaterialSettings(), PatternSettings(rim_mm=10.0))
+        problem = build_problem(
+            loads, domain, settings, MaterialSettings(), PatternSettings(scale=0.08, rim_mm=10.0)
+        )
         assert (problem.preserve, problem.prevent) == ((0,), (1,))
         for coupling in COUPLINGS:
             change = _predict(problem, _modulus(problem), coupling).change

@@ -58,7 +58,9 @@ def test_losses_start_at_one_and_floors_measure_those_that_start_at_zero(couplin
     loads = knee_loads()
     settings = OptimizeSettings(coupling=coupling)
     domain = knee_domain(loads, around=16, along=10)
-    problem = build_problem(loads, domain, settings, MaterialSettings(), PatternSettings(rim_mm=10.0))
+    problem = build_problem(
+        loads, domain, settings, MaterialSettings(), PatternSettings(scale=0.08, rim_mm=10.0)
+    )
     state = first_state(problem, "")
     field = torch.from_numpy(state.theta), torch.from_numpy(state.bias)
     start = evaluate(problem, firmness(problem, state.firm), *field)

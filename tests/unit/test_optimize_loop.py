@@ -26,7 +26,7 @@ from hilbrace.shell.solver import available_backends
 from tests.unit.knee_tube import knee_domain, knee_loads
 
 MATERIAL = MaterialSettings()
-PATTERN = PatternSettings(rim_mm=10.0)
+PATTERN = PatternSettings(scale=0.08, rim_mm=10.0)
 
 
 @pytest.fixture(scope="module")

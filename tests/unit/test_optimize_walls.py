@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from hilbrace.config import MaterialSettings, PatternSettings
-from hilbrace.material.strut_width import effective_scale
+from hilbrace.material.strut_width import cell_scale
 from hilbrace.optimize.walls import cell_side_mm, orthotropic_section
 from hilbrace.shell import brace_stiffness, isotropic
 from tests.unit.sleeve import sleeve_design, sleeve_domain
 
-MATERIAL, PATTERN = MaterialSettings(), PatternSettings()
+MATERIAL, PATTERN = MaterialSettings(), PatternSettings(scale=0.08)
 DOMAIN = sleeve_domain(around=24, along=12)
 
 
@@ -31,7 +31,7 @@ def stiffness(section, modulus=1.15):
 
 def test_cells_fill_the_limb():
     side = cell_side_mm(DOMAIN, PATTERN)
-    turns = DOMAIN.period_u / effective_scale(PATTERN.scale, DOMAIN.period_u)
+    turns = DOMAIN.period_u / cell_scale(PATTERN, DOMAIN)
     around = DOMAIN.vertices[DOMAIN.lower_loop]
     length = np.linalg.norm(np.roll(around, -1, axis=0) - around, axis=1).sum()
     assert turns == pytest.approx(round(turns))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hilbrace.config import MaterialSettings, PatternSettings
-from hilbrace.material.strut_width import effective_scale
+from hilbrace.material.strut_width import cell_scale
 from hilbrace.pattern.clip import triangle_areas
 from hilbrace.pattern.implicit import blended_pattern, vertex_map_length
 from hilbrace.pattern.refine import refine, vertex_normals
@@ -60,7 +60,7 @@ def test_periodic_pattern_has_one_value_on_the_seam_from_either_side():
     design = sleeve_design(DOMAIN, SETTINGS, d=0.5, firm=1.0)
     skin = refine(DOMAIN, 3.0)
     left = blended_pattern(DOMAIN, design, skin, SETTINGS, MATERIAL)
-    scale = effective_scale(SETTINGS.scale, DOMAIN.period_u)
+    scale = cell_scale(SETTINGS, DOMAIN)
     assert DOMAIN.period_u / scale == pytest.approx(round(DOMAIN.period_u / scale))
     # the same map one period further on: what the vertices would get from the right of the seam
     shifted = type(DOMAIN)(**{**vars(DOMAIN), "uv": DOMAIN.uv + np.array([DOMAIN.period_u, 0.0])})

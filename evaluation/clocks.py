@@ -61,6 +61,10 @@ class ClockFit:
         slope = 1.0 / (1.0 + 1e-6 * self.drift_ppm)
         return self.reference_s + self.offset_s + slope * (device_s - self.reference_s)
 
+    def to_device(self, host_s: Float[Array, "*any"]) -> Float[Array, "*any"]:
+        """The device's time at instants of the host [s]."""
+        return self.reference_s + (host_s - self.reference_s - self.offset_s) * (1.0 + 1e-6 * self.drift_ppm)
+
 
 class ClockTracker:
     """Collects the fastest arrival of each window while samples come in; keeps no sample."""

@@ -7,12 +7,16 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Literal
 
+from evaluation.device_clock import DeviceClock
 from evaluation.sources.stream import Item, MarkerFrame, PlateSamples, SourceEvent, SourceInfo
 
 State = Literal["waiting", "ok", "silent", "lost", "fault", "ended"]
 
 SILENT_S = 0.5
 """A device that should send and does not for so long is shown as silent [s]."""
+
+FIT_S = 2.0
+"""How often the clock is fitted while somebody looks [s]."""
 
 _RATE_WINDOW_S = 1.0
 
@@ -31,6 +35,8 @@ class DeviceHealth:
         frames: Marker frames received.
         samples: Plate samples received.
         lost: Frames and samples missing by the device's counter.
+        drift_ppm: How much faster than this computer's its clock runs [ppm]; ``None`` while unknown.
+        drift_error_ppm: Standard error of that [ppm].
     """
 
     name: str
@@ -41,6 +47,8 @@ class DeviceHealth:
     frames: int
     samples: int
     lost: int
+    drift_ppm: float | None
+    drift_error_ppm: float | None
 
 
 class HealthWatch:
@@ -59,9 +67,13 @@ class HealthWatch:
         self._heard_ns = 0
         self._window: deque[tuple[int, int]] = deque(maxlen=4096)
         self._quiet = False
+        self._clock = DeviceClock()
+        self._fitted_ns = 0
+        self._drift: tuple[float, float] | tuple[None, None] = (None, None)
 
     def add(self, item: Item) -> None:
         """Take an item of the source."""
+        self._clock.add(item)
         match item:
             case MarkerFrame():
                 self._frames += 1
@@ -103,9 +115,14 @@ class HealthWatch:
         silence = 1e-9 * (now_ns - self._heard_ns)
         if state == "ok" and not self._quiet and silence > SILENT_S:
             state, text = "silent", f"nothing for {silence:.1f} s"
+        if now_ns - self._fitted_ns > 1e9 * FIT_S:
+            fit = self._clock.fit()
+            self._drift = (None, None) if fit is None else (fit.drift_ppm, fit.standard_error_ppm)
+            self._fitted_ns = now_ns
         return DeviceHealth(
-            self._name, self._device, state, text, self._rate(now_ns), self._frames, self._samples, self._lost
-        )
+            self._name, self._device, state, text, self._rate(now_ns),
+            self._frames, self._samples, self._lost, *self._drift,
+        )  # fmt: skip
 
     def _hear(self, host_time_ns: int) -> None:
         self._heard_ns = host_time_ns

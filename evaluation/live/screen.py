@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from evaluation.live.health import DeviceHealth
 from evaluation.live.peaks import Peak
 from evaluation.live.session import LabSession
 
@@ -44,7 +45,7 @@ def session_state(session: LabSession) -> dict[str, Any]:
         ],
         "recording": _recording(session),
         "busy": session.busy,
-        "devices": [asdict(device) | {"rate_hz": round(device.rate_hz, 1)} for device in health],
+        "devices": [_device(device) for device in health],
         "loss": losses(session),
         "latency_ms": {
             "p50": _finite(session.analysis.latency.percentile(50)),
@@ -78,6 +79,15 @@ def _recording(session: LabSession) -> dict[str, Any]:
         "seconds": round(session.seconds, 1) if on else 0.0,
         "frames": written.frames if written and on else 0,
         "fault": recorder.fault,
+    }
+
+
+def _device(device: DeviceHealth) -> dict[str, Any]:
+    drift, error = device.drift_ppm, device.drift_error_ppm
+    return asdict(device) | {
+        "rate_hz": round(device.rate_hz, 1),
+        "drift_ppm": None if drift is None else round(drift, 1),
+        "drift_error_ppm": None if error is None else round(error, 1),
     }
 
 

@@ -238,6 +238,8 @@ class LabSession:
             "subject": self.settings.subject,
             "protocol": self.settings.protocol.model_dump(mode="json"),
         }
+        if self.settings.stomps:
+            content["stomps"] = self.settings.stomps
         answer = Answer()
         path = log_name(self.folder, condition)
         self.acquisition.recorder.mailbox.order(Begin(path, content, answer))

@@ -40,6 +40,12 @@ class LabSettings(Section):
     standing: Path | None = Field(
         default=None, description="standing trial recorded before; without it, one is recorded live"
     )
+    stomps: str | None = Field(
+        default=None,
+        max_length=60,
+        description="marker on the heel whose stomps tell the clock of a plate with a clock of its own; "
+        "every take then needs two stomps at its start and two at its end",
+    )
     synthetic: bool = Field(
         default=False, description="the devices are stand-ins; reports say so on every page"
     )

@@ -1,20 +1,21 @@
 """A recording of a laboratory's devices as markers and plate loads on one clock, and as a C3D file.
 
 Frames and samples take their places by the devices' own counters, so that what is missing is a gap and not a
-jump. Devices with clocks of their own are laid over each other by the quickest arrivals at this computer; the
-same device's markers and plates need nothing of the kind.
+jump. Plates with clocks of their own are laid over the markers by triggers, heel stomps or arrivals
+(`evaluation.record.plate_time`); the same device's markers and plates need nothing of the kind.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from evaluation.c3d_writer import write_c3d
+from evaluation.record.plate_time import PlateTime, plate_time
 from evaluation.record.reading import Recorded
 from evaluation.sources.stream import MarkerFrame, PlateInfo, PlateSamples, SourceInfo, ground_load, y_up
 from hilbrace.errors import InputError
@@ -78,9 +79,21 @@ def to_recording(recorded: Recorded) -> Recording:
             i for i in recorded.items
             if isinstance(i, PlateSamples) and i.source == info.source and i.plate == plate.name
         ]  # fmt: skip
-        shift = 0.0 if info.source == source.source else _offset(samples) - _offset(frames)
         zero = None if plate.zeroed else _zero(recorded, info, plate)
-        found = _on_frames(samples, info, plate, shift - start_s, (table, per_frame), zero)
+        readings = _readings(samples, info, plate, zero)
+        if isinstance(readings, str):
+            notes.append(f"Plate '{name}' is left out: {readings}.")
+            continue
+        clock = PlateTime(_same, "")
+        if info.source != source.source:
+            try:
+                clock = plate_time(recorded, frames, samples, table, (readings.time, readings.load[:, 1]))
+            except InputError as fault:
+                notes.append(f"Plate '{name}' is left out: {fault.what} ({fault.where}); {fault.hint}.")
+                continue
+            notes.append(f"Plate '{name}' {clock.remark}.")
+        time = clock.to_markers(readings.time) - start_s
+        found = _on_frames(replace(readings, time=time), plate, (table, per_frame))
         if isinstance(found, str):
             notes.append(f"Plate '{name}' is left out: {found}.")
             continue
@@ -153,10 +166,8 @@ def _plates(recorded: Recorded) -> list[tuple[str, SourceInfo, PlateInfo]]:
     return list(found.values())
 
 
-def _offset(items: Sequence[MarkerFrame] | Sequence[PlateSamples]) -> float:
-    """Host time minus device time of the quickest arrival [s]."""
-    waits = [1e-9 * item.host_time_ns - item.device_time_s for item in items]
-    return float(np.nanmin(waits)) if np.isfinite(waits).any() else 0.0
+def _same(at: Float[Array, " any"]) -> Float[Array, " any"]:
+    return at
 
 
 def _zero(recorded: Recorded, info: SourceInfo, plate: PlateInfo) -> Float[Array, " channel"] | None:
@@ -169,30 +180,47 @@ def _zero(recorded: Recorded, info: SourceInfo, plate: PlateInfo) -> Float[Array
     return None
 
 
-def _on_frames(
+@dataclass(frozen=True)
+class _Readings:
+    """What a plate sent, y up: instants [s], loads, height of the surface [m], whether it ever was zeroed."""
+
+    time: Float[Array, " sample"]
+    load: Float[Array, "sample 6"]
+    height_m: float
+    zeroed: bool
+
+
+def _readings(
     samples: Sequence[PlateSamples],
     info: SourceInfo,
     plate: PlateInfo,
-    shift_s: float,
-    grid: tuple[MarkerTable, int],
     zero: Float[Array, " channel"] | None,
-) -> tuple[tuple[Float[Array, "sample 6"], float], int, int, str] | str:
-    """Load at the instants of the frames, with the usable frames, or why there is none."""
-    table, per_frame = grid
+) -> _Readings | str:
+    """Loads of a plate by its own clock, or why there are none."""
     values = np.concatenate([block.values for block in samples])
     if values.shape[1] != plate.calibration.shape[1]:
         return f"it sent {values.shape[1]} channels, {plate.calibration.shape[1]} were announced"
     time = np.concatenate(
         [block.device_time_s + block.period_s * np.arange(len(block.values)) for block in samples]
     )
-    time = time + shift_s
-    wanted = np.arange(len(table.time) * per_frame) / (table.rate_hz * per_frame)
     keep = np.concatenate([[True], np.diff(time) > 0]) & np.isfinite(time) & np.isfinite(values).all(axis=1)
     if keep.sum() < 2:
         return "it has no samples"
-    time, values = time[keep], values[keep]
-    load = ground_load(plate, values, zero)
-    sampled = np.column_stack([np.interp(wanted, time, column) for column in load.T])
+    load = ground_load(plate, values[keep], zero)
+    turned = np.hstack([y_up(load[:, :3], info.up), y_up(load[:, 3:], info.up)])
+    height = float(np.nanmean(plate.corners, axis=0)[1 if info.up == "y" else 2]) if np.isfinite(
+        plate.corners
+    ).any() else 0.0  # fmt: skip
+    return _Readings(time[keep], turned, height, plate.zeroed or zero is not None)
+
+
+def _on_frames(
+    readings: _Readings, plate: PlateInfo, grid: tuple[MarkerTable, int]
+) -> tuple[tuple[Float[Array, "sample 6"], float], int, int, str] | str:
+    """Load at the instants of the frames, with the usable frames, or why there is none."""
+    (table, per_frame), time = grid, readings.time
+    wanted = np.arange(len(table.time) * per_frame) / (table.rate_hz * per_frame)
+    sampled = np.column_stack([np.interp(wanted, time, column) for column in readings.load.T])
     inside = (wanted >= time[0] - _SLACK) & (wanted <= time[-1] + 1 / plate.rate_hz + _SLACK)
     first = int(np.ceil(np.argmax(inside) / per_frame))
     last = (len(wanted) - int(np.argmax(inside[::-1]))) // per_frame
@@ -209,13 +237,9 @@ def _on_frames(
         remarks.append(
             f"lacks {missing} samples, bridged by straight lines of at most {1000 * longest:.0f} ms"
         )
-    if not plate.zeroed and zero is None:
+    if not readings.zeroed:
         remarks.append("was never zeroed: its loads hold the empty plate's")
-    height = float(np.nanmean(plate.corners, axis=0)[1 if info.up == "y" else 2]) if np.isfinite(
-        plate.corners
-    ).any() else 0.0  # fmt: skip
-    turned = np.hstack([y_up(sampled[:, :3], info.up), y_up(sampled[:, 3:], info.up)])
-    return (turned, height), first, last, "; it ".join(remarks)
+    return (sampled, readings.height_m), first, last, "; it ".join(remarks)
 
 
 def _cut(

@@ -6,11 +6,12 @@ import os
 import threading
 import time
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from io import FileIO
 from pathlib import Path
 from typing import Any
 
+from evaluation.device_clock import DeviceClock
 from evaluation.record.mcap_log import McapLog, create_file
 from evaluation.record.messages import (
     Mark,
@@ -84,6 +85,7 @@ class Recorder:
         self._infos: dict[str, SourceInfo] = {}
         self._channels: dict[tuple[str, tuple[str, ...]], int] = {}
         self._counts: Counter[str] = Counter()
+        self._clocks: dict[str, DeviceClock] = {}
         self._oldest_ns = 0
         self._started_ns = self._last_ns = time.monotonic_ns()
         self.mark("start", self.path.stem, content | {"program": f"hilbrace {__version__}"})
@@ -106,6 +108,7 @@ class Recorder:
                 self._counts["samples"] += len(item.values)
             case SourceEvent():
                 self._counts["lost"] += item.lost
+        self._clocks.setdefault(item.source, DeviceClock()).add(item)
         self._put(item, self._number(item))
 
     def mark(self, kind: MarkKind, text: str, content: dict[str, Any] | None = None) -> None:
@@ -144,14 +147,14 @@ class Recorder:
         )
 
     def close(self) -> Written:
-        """Write the last mark and the summary, and close the file.
+        """Write the last mark with counts and the devices' clocks, and the summary, and close the file.
 
         Raises:
             OSError: It could not be finished; `evaluation.record.recover` reads what is there.
         """
         self._sync.stop()
         try:
-            self.mark("stop", self.path.stem, {})
+            self.mark("stop", self.path.stem, self._summary())
         finally:
             self._log.close()
         return self.written()
@@ -160,6 +163,14 @@ class Recorder:
         """Close the file as it is, after a fault of the disk."""
         self._sync.stop()
         self._log.abandon()
+
+    def _summary(self) -> dict[str, Any]:
+        """Counts, and how each device's clock ran against this computer's."""
+        fits = {source: clock.fit() for source, clock in self._clocks.items()}
+        clocks = {source: asdict(fit) for source, fit in fits.items() if fit is not None}
+        return {name: self._counts[name] for name in ("frames", "samples", "lost", "dropped")} | {
+            "clocks": clocks
+        }
 
     def _put(self, item: Item | Mark, number: int) -> None:
         source = "" if isinstance(item, Mark) else item.source

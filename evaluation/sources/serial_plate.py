@@ -190,7 +190,7 @@ class SerialPlate:
             items += self._samples(run)
             items.append(
                 self._event(
-                    "info", now, "the plate started anew; what is missing follows from the host's clock"
+                    "restarted", now, "the plate started anew; what is missing follows from the host's clock"
                 )
             )
         for one in placed:

@@ -31,8 +31,9 @@ from hilbrace.motion.recording import from_z_up
 
 Array = np.ndarray
 
-EventKind = Literal["connected", "disconnected", "gap", "trigger", "info", "fault", "ended"]
-"""``gap``: samples are missing; ``fault``: bytes were discarded; ``ended``: a replay is over."""
+EventKind = Literal["connected", "disconnected", "gap", "trigger", "restarted", "info", "fault", "ended"]
+"""``gap``: samples are missing; ``restarted``: the device began anew, and so did its clock;
+``fault``: bytes were discarded; ``ended``: a replay is over."""
 
 
 class LabError(HilbraceError):

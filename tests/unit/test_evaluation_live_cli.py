@@ -9,8 +9,8 @@ import sys
 
 import pytest
 
-from evaluation import device_check
 from evaluation.record.reading import read_log
+from evaluation.sources import serial_port
 from hilbrace.cli import main
 from mocks import synthetic_study as made_up
 
@@ -49,7 +49,9 @@ def test_record_a_replay_and_recover_it(trial, tmp_path, capsys):
     said = json.loads(shown.out)
     assert shown.err == ""
     assert (said["frames"], said["samples"], said["lost"], said["dropped"]) == (800, 4000, 0, 0)
-    assert said["devices"] == [{"name": "c3d", "state": "ended", "lost": 0}]
+    assert said["devices"] == [
+        {"name": "c3d", "state": "ended", "lost": 0, "drift_ppm": None, "drift_error_ppm": None}
+    ]
     assert said["notes"] == []
     assert read_log(out).condition == "Unbraced"
     again = main([*words[:-2], "--json"])
@@ -98,7 +100,7 @@ def test_devices_tests_a_connection_and_lists_ports(trial, capsys, monkeypatch):
     (check,) = json.loads(capsys.readouterr().out)["devices"]
     assert check["answers"]
     assert (len(check["labels"]), check["rate_hz"], check["lost"]) == (13, 200.0, 0)
-    monkeypatch.setattr(device_check.known_ports, "comports", list)
+    monkeypatch.setattr(serial_port.list_ports, "comports", list)
     assert main(["evaluate", "devices"]) == 0
     assert capsys.readouterr().out == "no serial port on this computer\n"
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from evaluation.live.zeroing import empty_plate
 from evaluation.plate_calibration import Placement, corner_matrix, load_calibration, plate_info
 from evaluation.plate_loads import centre_of_pressure, contacts, without_drift
-from evaluation.live.zeroing import empty_plate
 from evaluation.plate_zero import measure_zero
 from evaluation.sources.stream import ground_load
 from hilbrace.errors import InputError

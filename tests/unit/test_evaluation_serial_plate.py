@@ -100,7 +100,7 @@ def test_a_pulled_plug_comes_back_within_two_seconds_with_the_old_zero(port, res
     after = host > 1e-9 * times["connected"]
     assert after.any()
     np.testing.assert_allclose(ground_load(info, values[after], zero.counts), 0, atol=1e-9)
-    restarted = [e for e in events(items, "info") if "started anew" in e.text]
+    restarted = [e for e in events(items, "restarted") if "started anew" in e.text]
     assert len(restarted) == restart
 
 

@@ -316,7 +316,7 @@ STAGES: tuple[Stage, ...] = (
     Stage(
         "report",
         ("motion", "body", "biomech", "domain", "optimize", "pattern", "solid"),
-        ("subject", "domain"),
+        ("subject", "domain", "pattern"),
         None,
         report,
     ),

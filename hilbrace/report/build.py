@@ -17,6 +17,7 @@ from hilbrace import __version__
 from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.config import ANGLES, Config, passive_stiffness
 from hilbrace.optimize.design import Design
+from hilbrace.pattern.picture import strut_width_histogram
 from hilbrace.report import figures
 from hilbrace.report.light_solid import lighter
 from hilbrace.report.map_pictures import map_distortion_picture
@@ -24,7 +25,15 @@ from hilbrace.report.viewer import turnable
 from hilbrace.run.records import write_atomic
 
 PAINTED = frozenset(
-    {"key_frames", "field_on_leg", "map_distortion", "soft_and_firm", "solid", "brace_on_body"}
+    {
+        "key_frames",
+        "field_on_leg",
+        "map_distortion",
+        "soft_and_firm",
+        "solid",
+        "strut_widths",
+        "brace_on_body",
+    }
 )
 """Pictures made of many triangles: PNG alone. The others are drawings: SVG as well."""
 
@@ -44,7 +53,7 @@ def build_report(
         The files written.
     """
     records = records | {"solid": lighter(records["solid"])}
-    drawn = _draw(records)
+    drawn = _draw(records, config.pattern.min_strut_mm)
     pictures = folder / "figures"
     pictures.mkdir(exist_ok=True)
     files: list[Path] = []
@@ -64,7 +73,7 @@ def build_report(
     return [page, *files]
 
 
-def _draw(records: dict[str, Any]) -> dict[str, Figure]:
+def _draw(records: dict[str, Any], min_strut_mm: float) -> dict[str, Figure]:
     trial, body, domain = records["motion"], records["body"], records["domain"]
     loads: JointLoads = records["biomech"]
     design: Design = records["optimize"]
@@ -83,6 +92,8 @@ def _draw(records: dict[str, Any]) -> dict[str, Figure]:
         "stiffness": figures.stiffness(design, joint),
         "predicted_change": figures.predicted_change(domain, design),
         "solid": figures.solid(records["solid"], domain),
+        "strut_widths": figures.strut_widths(records["solid"], domain, min_strut_mm),
+        "strut_histogram": strut_width_histogram(records["pattern"], min_strut_mm),
         "brace_on_body": figures.brace_on_body(records["solid"], body, domain),
     }
 

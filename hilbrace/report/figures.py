@@ -25,6 +25,7 @@ from hilbrace.domain.domain import Domain
 from hilbrace.motion.trial import Trial
 from hilbrace.optimize.design import Design
 from hilbrace.pattern.pattern import Solid
+from hilbrace.pattern.picture import strut_width_colours
 from hilbrace.report.paint import BACK, FRONT, LEFT, RIGHT, SKIN, Colours, paint, screen_axes
 from hilbrace.units import GRAVITY, MM_PER_M
 
@@ -224,6 +225,12 @@ def solid(brace: Solid, domain: Domain) -> Figure:
     return _four_sides(brace.vertices, brace.triangles, BRACE, domain.joint, outward)
 
 
+def strut_widths(brace: Solid, domain: Domain, min_strut_mm: float) -> Figure:
+    """Width of the struts from four sides, dark at the least that can be cast."""
+    colours = strut_width_colours(brace, min_strut_mm)
+    return _four_sides(brace.vertices, brace.triangles, colours, domain.joint, _outward(brace, domain))
+
+
 def brace_on_body(brace: Solid, body: Body, domain: Domain) -> Figure:
     """The solid on the standing body, the whole figure and the braced joint from front and back."""
     figure = Figure(figsize=(8.6, 4.6), layout="constrained")
@@ -268,8 +275,9 @@ def _four_sides(
     views = (("front", FRONT), ("lateral", outer), ("back", BACK), ("medial", inner))
     for place, (name, towards) in enumerate(views):
         axes = figure.add_subplot(1, 4, place + 1)
-        shown = triangles if outward is None else triangles[_near_side(outward, towards)]
-        paint(axes, vertices, shown, colours, towards)
+        near = np.ones(len(triangles), bool) if outward is None else _near_side(outward, towards)
+        tones = colours[near] if isinstance(colours, np.ndarray) else colours
+        paint(axes, vertices, triangles[near], tones, towards)
         axes.set_title(name, fontsize=9, color=INK)
     return figure
 

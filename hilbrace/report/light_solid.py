@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from manifold3d import Manifold, Mesh64
+from scipy.spatial import KDTree
 
 from hilbrace.pattern.pattern import Solid
 
@@ -14,8 +15,14 @@ TOLERANCE_MM = 0.3
 
 
 def lighter(brace: Solid) -> Solid:
-    """The solid with flat parts in larger triangles."""
+    """The solid with flat parts in larger triangles; each vertex has the strut width of the nearest one."""
     mesh = Mesh64(vert_properties=brace.vertices, tri_verts=brace.triangles.astype(np.uint64))
     simple = Manifold(mesh).simplify(TOLERANCE_MM).to_mesh64()
     vertices = np.asarray(simple.vert_properties)[:, :3]
-    return replace(brace, vertices=vertices, triangles=np.asarray(simple.tri_verts).astype(np.int64))
+    _, nearest = KDTree(brace.vertices).query(vertices)
+    return replace(
+        brace,
+        vertices=vertices,
+        triangles=np.asarray(simple.tri_verts).astype(np.int64),
+        strut_width_mm=brace.strut_width_mm[nearest],
+    )

@@ -5,8 +5,8 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import groupby
 
 import numpy as np
 from jaxtyping import Float
@@ -36,6 +36,9 @@ SHOWN_S = 12.0
 
 CURVE_HZ = 100.0
 """Most points of a curve per second [Hz]."""
+
+RESTART_S = 0.5
+"""A curve whose time runs back so far starts anew [s]."""
 
 STALE_S = 0.5
 """A plate that is silent for so long no longer counts to the force [s]."""
@@ -169,9 +172,8 @@ class LiveAnalysis:
 
     def _run(self) -> None:
         while not self._stopped.is_set():
-            items = self._mailbox.take(WAIT_S)
-            for _, group in groupby(items, key=_stream):
-                self._take(list(group))
+            for items in _together(self._mailbox.take(WAIT_S)):
+                self._take(items)
 
     def _take(self, items: list[Item]) -> None:
         first = items[0]
@@ -243,25 +245,36 @@ class LiveAnalysis:
         self._residual = float(found.residual_mm[-1].max())
 
     def _weigh(self, blocks: list[PlateSamples]) -> None:
-        first = blocks[-1]
-        info = self._infos.get(first.source)
+        """Follow the vertical force, block by block in the order of time, whichever plate they come from."""
+        plates: dict[tuple[str, str, int], list[PlateSamples]] = {}
+        for block in blocks:
+            plates.setdefault((block.source, block.plate, block.values.shape[1]), []).append(block)
+        weighed = [entry for group in plates.values() for entry in self._weigh_plate(group)]
+        for at, host_s, key, vertical in sorted(weighed, key=lambda entry: entry[0]):
+            self._vertical[key] = (vertical, host_s)
+            total = self._total(host_s)
+            self._flight.add(at, total)
+            self.force_curve.add(at, (total,))
+
+    def _weigh_plate(self, blocks: list[PlateSamples]) -> list[tuple[float, float, tuple[str, str], float]]:
+        """Time on the leg's clock, time of arrival, plate and mean vertical force of every block."""
+        first = blocks[0]
+        info, key = self._infos.get(first.source), (first.source, first.plate)
         plate = plate_of(info, first.plate)
-        key = (first.source, first.plate)
-        if info is None or plate is None:
-            return
+        if info is None or plate is None or first.values.shape[1] != plate.calibration.shape[1]:
+            return []
         values = np.concatenate([block.values for block in blocks])
-        if values.shape[1] != plate.calibration.shape[1]:
-            return
         if self._samples is not None:
             self._samples.setdefault(key, []).append(values)
         zero = None if plate.zeroed else self._zeros.get(key)
-        up = 1 if info.up == "y" else 2
-        vertical = float(np.mean(ground_load(plate, values, zero)[:, up]))
-        self._vertical[key] = (vertical, 1e-9 * first.host_time_ns)
-        at = self._on_leg_clock(first)
-        total = self._total(1e-9 * first.host_time_ns)
-        self._flight.add(at, total)
-        self.force_curve.add(at, (total,))
+        vertical = ground_load(plate, values, zero)[:, 1 if info.up == "y" else 2]
+        ends = np.cumsum([len(block.values) for block in blocks])
+        parts = np.split(vertical, ends[:-1])
+        return [
+            (self._on_leg_clock(block), 1e-9 * block.host_time_ns, key, float(part.mean()))
+            for block, part in zip(blocks, parts, strict=True)
+            if len(part)
+        ]
 
     def _on_leg_clock(self, block: PlateSamples) -> float:
         """Instant of a block on the clock of the source that shows the leg [s]."""
@@ -292,7 +305,7 @@ class Curve:
         with self._lock:
             if self._points:
                 step = time_s - self._points[-1][1]
-                if step < -1 / CURVE_HZ:
+                if step < -RESTART_S:
                     self._points.clear()
                     self._first_kept = self._count
                 elif step < 0.99 / CURVE_HZ:
@@ -316,16 +329,18 @@ class Curve:
                 for number, time_s, values in self._points
                 if number >= cursor
             ]
-            return self._count, cursor < self._first_kept, rows
+            return self._count, cursor <= self._first_kept > 0, rows
 
 
-def _stream(item: Item) -> tuple[str, str, str]:
-    """What consecutive items need in common to be taken together."""
-    match item:
-        case MarkerFrame():
-            return ("markers", item.source, "")
-        case PlateSamples():
-            return ("plate", item.source, item.plate)
-        case SourceInfo():
-            return ("info", item.source, "")
-    return ("event", item.source, "")
+def _together(items: list[Item]) -> Iterator[list[Item]]:
+    """Items of one kind at once, which is quick after a hold-up; what changes the sources keeps its place."""
+    kinds: dict[tuple[str, ...], list[Item]] = {}
+    for item in items:
+        if isinstance(item, SourceInfo | SourceEvent):
+            yield from kinds.values()
+            kinds = {}
+            yield [item]
+        else:
+            kind = ("frames", item.source) if isinstance(item, MarkerFrame) else ("samples",)
+            kinds.setdefault(kind, []).append(item)
+    yield from kinds.values()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from evaluation.calibration import calibrate
 from evaluation.events import flexion_peaks, flight_from_plates
 from evaluation.live import acquisition as live_acquisition
 from evaluation.live.acquisition import Acquisition, Answer, Begin, End
-from evaluation.live.analysis import Curve
+from evaluation.live.analysis import Curve, LiveAnalysis, _together
 from evaluation.live.health import HealthWatch
 from evaluation.live.knee import LiveKnee
 from evaluation.live.mailbox import Mailbox
@@ -23,11 +24,11 @@ from evaluation.live.peaks import FlightWatch, Peak, PeakWatch, bending_and_land
 from evaluation.live.timing import Latency
 from evaluation.record.conversion import about_point, to_recording
 from evaluation.record.reading import read_log
-from evaluation.sources.stream import MarkerFrame, SourceEvent, SourceInfo
+from evaluation.sources.stream import MarkerFrame, PlateSamples, SourceEvent, SourceInfo
 from evaluation.tracking import track
 from hilbrace.errors import InputError
 from mocks import synthetic_study as made_up
-from tests.unit.evaluation_devices import INFO, ScriptedSource, ended, frame, lost_line, stream
+from tests.unit.evaluation_devices import INFO, PLATE, ScriptedSource, ended, frame, lost_line, stream
 from tests.unit.evaluation_leg import protocol
 
 SCATTER = made_up.Scatter(gaps=0)
@@ -161,18 +162,19 @@ def test_a_full_mailbox_drops_the_newest_and_counts_them():
 
 def test_curves_are_thinned_and_begin_anew_when_time_runs_back():
     curve = Curve()
-    for k in range(100):
+    for k in range(200):
         curve.add(k / 200, (float(k), math.nan))
     cursor, anew, rows = curve.since(0)
     assert not anew
-    assert [row[0] for row in rows] == [k / 100 for k in range(50)]
+    assert [row[0] for row in rows] == [k / 100 for k in range(100)]
     assert rows[3] == [0.03, 6.0, None]
     assert curve.since(cursor) == (cursor, False, [])
     curve.add(0.0, (1.0, 1.0))
-    _, anew, rows = curve.since(cursor)
-    assert anew is False
-    assert curve.since(3)[1] is True
+    after, anew, rows = curve.since(cursor)
+    assert anew
     assert rows == [[0.0, 1.0, 1.0]]
+    assert curve.since(3)[1]
+    assert curve.since(after) == (after, False, [])
 
 
 def test_health_by_what_came_and_by_the_counter():
@@ -331,3 +333,37 @@ def test_loads_about_a_point_of_the_surface():
     assert np.allclose(found_torque[3:], torque[3:])
     assert np.isnan(found_point[:3]).all()
     assert not found_torque[:3].any()
+
+
+def test_a_backlog_of_two_plates_and_a_leg_is_taken_in_the_order_of_time(trial):
+    """After a hold-up everything waits at once; curves and flight are those of frames that came singly."""
+    calibration, _, recording = trial
+    info = replace(info_of(recording), plates=(PLATE, replace(PLATE, name="2")))
+    rng = np.random.default_rng(3)
+    vertical = np.where((np.arange(600) > 300) & (np.arange(600) < 400), 0.0, 300.0)
+
+    def items(start: int, stop: int) -> list:
+        made = []
+        for k in range(start, stop):
+            now = time.monotonic_ns()
+            made.append(MarkerFrame("lab", k, k / 200, now, recording.markers.positions[k]))
+            for name in ("1", "2"):
+                values = rng.normal(0, 1, (5, 6))
+                values[:, 1] = vertical[k]
+                made.append(PlateSamples("lab", name, 5 * k, k / 200, 0.001, now, values))
+        return made
+
+    views = []
+    for step in (1, 150):
+        box: Mailbox = Mailbox(10)
+        analysis = LiveAnalysis(box, calibration.thigh.labels)
+        analysis.calibrate(calibration)
+        for batch in [[info], *(items(k, k + step) for k in range(0, 600, step))]:
+            for group in _together(batch):
+                analysis._take(group)
+        views.append(
+            (analysis.knee_curve.since(0)[2], analysis.force_curve.since(0)[2], analysis._flight.flight)
+        )
+    assert views[0][0] == views[1][0]
+    assert len(views[0][1]) == len(views[1][1]) == 300
+    assert views[0][2] == views[1][2] == (1.505, 2.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import signal
 import sys
 import time
 from pathlib import Path
@@ -156,11 +157,13 @@ def _live(options: argparse.Namespace) -> int:
         "latency_ms": state["latency_ms"],
         "devices": state["devices"],
         "study": str(session.study.path) if session.study.path.exists() else None,
+        "fault": session.fault,
     }  # fmt: skip
     lost, dropped = state["loss"]["lost"], state["loss"]["dropped"]
     _tell(
         summary,
-        f"{len(session.takes)} takes in {folder}; {lost} samples lost by devices, {dropped} by this computer",
+        f"{len(session.takes)} takes in {folder}; {lost} samples lost by devices, {dropped} by this computer"
+        + (f"\n{session.fault}" if session.fault else ""),
         options.json,
     )
     return 0
@@ -286,13 +289,16 @@ def _over(acquisition: Any) -> bool:
 
 
 def _wait(seconds: float | None, over: Any = None) -> None:
-    """Wait for the time to pass, for all devices to end, or for Ctrl-C."""
+    """Wait for the time to pass, for all devices to end, for Ctrl-C, or to be told to end."""
     end = None if seconds is None else time.monotonic() + seconds
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         while (end is None or time.monotonic() < end) and not (over is not None and over()):
             time.sleep(0.05)
     except KeyboardInterrupt:
         return
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _tell(content: dict[str, Any], text: str, as_json: bool) -> None:

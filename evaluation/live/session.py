@@ -84,6 +84,7 @@ class LabSession:
         self._zeros: dict[tuple[str, str], list[float]] = {}
         self._busy = ""
         self.takes: list[Take] = []
+        self.fault = ""
 
     def start(self) -> None:
         """Begin to read the devices; a standing trial on the disk calibrates at once.
@@ -102,8 +103,8 @@ class LabSession:
         if recording:
             try:
                 self.end_take()
-            except HilbraceError:
-                self._recording_of = None
+            except HilbraceError as fault:
+                self._recording_of, self.fault = None, fault.two_lines()
         self._worker.shutdown()
         self.acquisition.stop()
         self.analysis.stop()

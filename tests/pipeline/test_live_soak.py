@@ -6,10 +6,10 @@ import asyncio
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import aiohttp
 import psutil
@@ -60,7 +60,7 @@ def run_live(tmp_path, seconds: float) -> dict:
             before = psutil.Process(process.pid).memory_info().rss
             time.sleep(seconds - WARM_UP_S)
             grown = psutil.Process(process.pid).memory_info().rss - before
-            process.send_signal(signal.SIGINT)
+            process.terminate()
             said, _ = process.communicate(timeout=300)
         finally:
             process.kill()
@@ -71,8 +71,8 @@ def run_live(tmp_path, seconds: float) -> dict:
 
 def judge(summary: dict, seconds: float) -> None:
     assert summary["loss"]["lost"] == summary["loss"]["dropped"] == 0
-    (take,) = summary["takes"]
-    recorded = read_log(ROOT / take["recording"])
+    recorded = read_log(Path(summary["folder"]) / "unbraced_1.mcap")
+    assert recorded.finished
     frames = sum(isinstance(item, MarkerFrame) for item in recorded.items)
     samples = sum(len(item.values) for item in recorded.items if isinstance(item, PlateSamples))
     assert missing_numbers(recorded.items) == {"vicon markers": 0, "vicon Plate 1": 0}

@@ -88,6 +88,7 @@ def test_nothing_is_lost_in_half_a_minute(tmp_path):
 
 
 @pytest.mark.soak
+@pytest.mark.timeout(1200)
 def test_nothing_is_lost_in_ten_minutes(tmp_path):
     summary = run_live(tmp_path, 600.0)
     judge(summary, 600.0)

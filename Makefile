@@ -45,7 +45,7 @@ contract:
 
 # Two files at a time, one thread each: a file's tests stay together and share what they made.
 unit:
-	OMP_NUM_THREADS=1 $(BIN)/pytest -q -m "not soak" -n 2 --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/pytest -q -m "not soak" -n 2 --dist loadfile --no-loadscope-reorder
 
 clean:
 	rm -rf $(VENV) $(OUT)

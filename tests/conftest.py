@@ -45,3 +45,10 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip("recorded data (shared/data beside the checkout) is absent")
     return SHARED_DATA
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Whole runs first: the last file should not keep one of two processes waiting."""
+    long = {"pipeline": 0, "gallery": 1}
+    items.sort(key=lambda item: long.get(item.path.parent.name, 2))

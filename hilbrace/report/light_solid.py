@@ -15,7 +15,7 @@ TOLERANCE_MM = 0.3
 
 
 def lighter(brace: Solid) -> Solid:
-    """The solid with flat parts in larger triangles; each vertex has the strut width of the nearest one."""
+    """The solid with flat parts in larger triangles; each vertex has the fields of the nearest one."""
     mesh = Mesh64(vert_properties=brace.vertices, tri_verts=brace.triangles.astype(np.uint64))
     simple = Manifold(mesh).simplify(TOLERANCE_MM).to_mesh64()
     vertices = np.asarray(simple.vert_properties)[:, :3]
@@ -24,5 +24,9 @@ def lighter(brace: Solid) -> Solid:
         brace,
         vertices=vertices,
         triangles=np.asarray(simple.tri_verts).astype(np.int64),
-        strut_width_mm=brace.strut_width_mm[nearest],
+        **{name: values[nearest] if len(values) else values for name, values in _fields(brace).items()},
     )
+
+
+def _fields(brace: Solid) -> dict[str, np.ndarray]:
+    return {name: getattr(brace, name) for name in ("d", "label", "strut_width_mm", "local_thickness_mm")}

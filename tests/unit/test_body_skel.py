@@ -86,7 +86,7 @@ def test_adduction_and_rotation_of_the_knee_move_the_shank_and_foot(body, side, 
         rigid = body.vertices[shank] @ rotations[0, bone].T + translations[0, bone]
         moved = np.linalg.norm(posed - body.vertices, axis=1)
         assert np.linalg.norm(posed[shank] - rigid, axis=1).max() < 0.006
-        assert moved[body.bone_weights[:, body.bones.index(f"calcn_{side}")] > 0.9].max() > 0.02
+        assert moved[body.bone_weights[:, body.bones.index(f"calcn_{side}")] > 0.8].max() > 0.02
         other = "l" if side == "r" else "r"
         assert moved[body.bone_weights[:, body.bones.index(f"tibia_{other}")] > 0.5].max() < 1e-6
 

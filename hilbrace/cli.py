@@ -26,7 +26,7 @@ COMMANDS = "hilbrace.commands"
 
 OWN_PACKAGES = {
     "fabricate": "mold pieces for any brace solid, with proof that they come apart",
-    "evaluate": "joint angles from recorded trials, and the comparison of brace conditions",
+    "evaluate": "joint angles, recorded or live, and the comparison of brace conditions",
 }
 """Commands of the packages that are installed along with this one."""
 

@@ -16,7 +16,7 @@ from hilbrace.domain.flatten import (
     quasi_conformal,
 )
 from hilbrace.domain.limb import Surface
-from hilbrace.domain.region import loops_of
+from hilbrace.domain.loops import loops_of
 from hilbrace.domain.seam import cut_along, find_seam
 from hilbrace.errors import GeometryError
 from tests.unit.domain_body import sleeve, upright_limb
@@ -24,8 +24,9 @@ from tests.unit.domain_body import sleeve, upright_limb
 
 def opened(low, high, height=240.0, around=24, along=12, azimuth=180.0):
     surface = Surface(*sleeve(low, high, height, around, along))
-    upper, lower = loops_of(surface)
-    cut = cut_along(surface, find_seam(surface, upright_limb(), upper, lower, azimuth))
+    loops = loops_of(surface, upright_limb())
+    upper, lower = loops.upper, loops.lower
+    cut = cut_along(surface, find_seam(surface, upright_limb(), loops, azimuth))
     front = [
         int(np.argmax(cut.weld == loop[np.argmax(surface.vertices[loop, 0])])) for loop in (lower, upper)
     ]

@@ -67,13 +67,14 @@ def test_samples_come_back_from_any_pieces(readings, piece):
 @settings(max_examples=60)
 def test_lost_bytes_cost_their_own_sample_and_the_next_is_read(readings, data):
     frames = [encode_sample(r) for r in readings]
-    # Two damaged samples in a row can add up to a whole one: the protocol has no checksum to tell.
-    hit = data.draw(
-        st.lists(st.integers(0, (len(frames) - 2) // 2).map(lambda k: 2 * k), max_size=4, unique=True)
-    )
+    # Without a checksum, a sample that lost its end can borrow the first byte of the next, and two damaged
+    # ones in a row can add up to a whole one. A loss in the first half of a lone sample is always noticed.
+    lone = st.integers(0, (len(frames) - 2) // 2).map(lambda k: 2 * k)
+    hit = data.draw(st.lists(lone, max_size=4, unique=True))
     for k in hit:
-        start = data.draw(st.integers(0, FRAME_BYTES - 1))
-        frames[k] = frames[k][:start] + frames[k][start + data.draw(st.integers(1, FRAME_BYTES)) :]
+        start = data.draw(st.integers(0, FRAME_BYTES // 2 - 1))
+        lost = data.draw(st.integers(1, FRAME_BYTES // 2))
+        frames[k] = frames[k][:start] + frames[k][start + lost :]
     found, skipped = decoded(b"".join(frames))
     assert found == [r for k, r in enumerate(readings) if k not in hit]
     assert skipped == sum(len(frames[k]) for k in hit)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import time
 
 import numpy as np
 
@@ -134,13 +133,7 @@ class AmtiPlate:
             raise LabError(
                 "the plate is not open", where=self._name, hint="open the source before reading it"
             )
-        end = time.monotonic() + timeout_s
-        while True:
-            data = self._line.read(max(0.0, end - time.monotonic()))
-            now = time.monotonic_ns()
-            items = self._items(self._decoder.feed(data), now)
-            if items or 1e-9 * now >= end:
-                return items
+        return self._line.collect(timeout_s, lambda data, now: self._items(self._decoder.feed(data), now))
 
     def close(self) -> None:
         """Stop the plate and give the port back."""

@@ -132,13 +132,7 @@ class SerialPlate:
             raise LabError(
                 "the plate says that it is another one now", where=self._port, hint="connect to it again"
             )
-        end = time.monotonic() + timeout_s
-        while True:
-            data = self._line.read(max(0.0, end - time.monotonic()))
-            now = time.monotonic_ns()
-            items = self._items(self._decoder.feed(data), now)
-            if items or 1e-9 * now >= end:
-                return items
+        return self._line.collect(timeout_s, lambda data, now: self._items(self._decoder.feed(data), now))
 
     def close(self) -> None:
         """Give the port back."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 import errno
 import importlib.util
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import serial
 from serial.tools import list_ports
@@ -19,6 +21,9 @@ if importlib.util.find_spec("termios"):
     """What a port raises when its device is pulled out."""
 else:
     FAILURES = (OSError,)
+
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -84,6 +89,24 @@ class SerialLine:
             return first + self._port.read(self._port.in_waiting) if first else first
         except FAILURES as fault:
             raise self._dead(fault) from fault
+
+    def collect(self, timeout_s: float, take: Callable[[bytes, int], list[T]]) -> list[T]:
+        """Read until the bytes make something, or the time is over.
+
+        Args:
+            timeout_s: Longest wait [s].
+            take: What bytes that arrived at a host time [ns] make.
+
+        Raises:
+            LabError: The line went dead.
+        """
+        end = time.monotonic() + timeout_s
+        while True:
+            data = self.read(max(0.0, end - time.monotonic()))
+            now = time.monotonic_ns()
+            made = take(data, now)
+            if made or 1e-9 * now >= end:
+                return made
 
     def read_exactly(self, count: int, timeout_s: float) -> bytes:
         """Some bytes, or fewer when the time is over.

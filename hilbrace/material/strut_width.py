@@ -58,14 +58,8 @@ def wanted_scale(pattern: PatternSettings, domain: Domain) -> float:
     if pattern.scale is not None:
         return pattern.scale
     period_mm = pattern.period_mm or CELL_PERIOD_MM[domain.joint.split("_")[0]]
-    corners = domain.vertices[domain.triangles]
-    area_mm2 = 0.5 * np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    flat = domain.uv[domain.cut_triangles]
-    first, second = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
-    area_uv = 0.5 * np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
-    return period_mm / float(np.sqrt(area_mm2.sum() / area_uv.sum()))
+    length = map_length(domain.vertices, domain.triangles, domain.uv, domain.cut_triangles)
+    return period_mm / float(np.median(length))
 
 
 def cell_scale(pattern: PatternSettings, domain: Domain) -> float:

@@ -170,7 +170,11 @@ def _cards(metrics: dict[str, dict[str, Any]]) -> list[dict[str, str]]:
     frontal = brace["stiffness_frontal_nm_per_deg"] / brace["stiffness_frontal_uniform_nm_per_deg"]
     sagittal = brace["stiffness_sagittal_nm_per_deg"] / brace["stiffness_sagittal_uniform_nm_per_deg"]
     return [
-        {"value": f"{frontal:.2f} x", "label": "frontal stiffness of a uniform brace of the same volume"},
+        {
+            "value": f"{brace['stiffness_ratio_vs_uniform']:.1f} x",
+            "label": "frontal over sagittal stiffness, against a uniform brace of the same volume",
+        },
+        {"value": f"{frontal:.2f} x", "label": "frontal stiffness of that uniform brace"},
         {"value": f"{sagittal:.2f} x", "label": "sagittal stiffness of that uniform brace (less is freer)"},
         {
             "value": f"{biomech['acting_force_peak_bw']:.2f} BW",

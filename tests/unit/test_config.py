@@ -9,7 +9,14 @@ import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hilbrace.config import Config, known_keys, parse_config, read_config
+from hilbrace.config import (
+    ASSUMED_PASSIVE,
+    Config,
+    known_keys,
+    parse_config,
+    passive_stiffness,
+    read_config,
+)
 from hilbrace.errors import ConfigError
 
 
@@ -94,3 +101,30 @@ def test_broken_toml_names_the_line(tmp_path: Path):
     (tmp_path / "run.toml").write_text("[domain]\ntriangles = \n")
     with pytest.raises(ConfigError, match="line 2"):
         read_config(tmp_path / "run.toml")
+
+
+def test_cells_are_as_wide_as_one_key_says():
+    with pytest.raises(ConfigError, match=r"pattern\.period_mm"):
+        parse_config({"pattern": {"scale": 0.08, "period_mm": 80.0}}, "run.toml")
+
+
+def test_what_is_painted_on_the_skin_belongs_to_the_domains_inputs(tmp_path):
+    from hilbrace.pipeline.runner import stage_key
+    from hilbrace.pipeline.stages import STAGES
+
+    paint = tmp_path / "spot.txt"
+    config = parse_config({"domain": {"reliefs": [{"painted": str(paint), "height_mm": 3.0}]}}, "run.toml")
+
+    def keys(content: str) -> dict[str, str]:
+        paint.write_text(content)
+        return {stage.name: stage_key(stage, config, {}) for stage in STAGES if stage.name != "motion"}
+
+    first, second = keys("1 2 3"), keys("1 2 4")
+    assert first["domain"] != second["domain"]
+    assert first["body"] == second["body"]
+
+
+def test_passive_stiffness_is_the_joints_own_until_it_is_set():
+    settings = parse_config({"optimize": {"passive_frontal_nm_per_deg": 7.0}}, "run.toml").optimize
+    assert passive_stiffness(settings, "knee") == (0.5, 7.0, 1.5)
+    assert passive_stiffness(settings, "ankle")[0] == ASSUMED_PASSIVE["ankle"][0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -74,3 +75,19 @@ def test_losses_start_at_one_and_floors_measure_those_that_start_at_zero(couplin
     uniform = uniform_design(problem, settings.volume_fraction)
     assert fraction_of(problem, uniform) == pytest.approx(settings.volume_fraction)
     assert measure.support.shape == (len(problem.postures), 1)
+
+
+def test_postures_are_taken_to_both_sides_of_the_rest_shape_and_at_even_steps():
+    loads = knee_loads()
+    joint = loads.joints.index("knee_l")
+    angles = loads.angles.copy()
+    angles[:, joint, 0] = np.linspace(np.deg2rad(-40.0), np.deg2rad(50.0), len(loads.time))
+    moved = replace(loads, angles=angles)
+    domain = knee_domain(loads, around=16, along=10)
+    settings = OptimizeSettings()
+    problem = build_problem(moved, domain, settings, MaterialSettings(), PatternSettings(scale=0.08))
+    flexions = np.rad2deg([posture.flexion for posture in problem.postures])
+    assert (np.diff(flexions) > 15.0).all()
+    assert flexions[problem.rest_posture] == 0.0
+    assert flexions[0] < -20.0
+    assert flexions[-1] > 30.0

@@ -86,6 +86,17 @@ def test_lighter_meshes_stay_near_and_closed():
     assert np.abs(np.linalg.norm(light.vertices, axis=1) - 60.0).max() < 2 * TOLERANCE_MM
 
 
+def test_lighter_meshes_keep_the_fields_of_the_nearest_vertices():
+    heavy = _solid(trimesh.creation.icosphere(subdivisions=5, radius=60.0))
+    heights = heavy.vertices[:, 1].copy()
+    light = lighter(
+        dataclasses.replace(
+            heavy, d=heights, label=heights, strut_width_mm=heights, local_thickness_mm=heights
+        )
+    )
+    np.testing.assert_allclose(light.strut_width_mm, light.vertices[:, 1], atol=4.0)
+
+
 def test_the_contact_figure_shows_parts_and_the_strongest_muscles_or_says_that_there_are_none():
     loads = knee_loads()
     left, right = figures.contact_force(loads, "knee_l").axes

@@ -4,6 +4,7 @@ from hilbrace.config.biomech import BiomechSettings
 from hilbrace.config.body import BodySettings
 from hilbrace.config.domain import DomainSettings
 from hilbrace.config.material import MaterialSettings
+from hilbrace.config.mold import MoldSettings
 from hilbrace.config.motion import MotionSettings
 from hilbrace.config.optimize import (
     ANGLES,
@@ -27,6 +28,7 @@ __all__ = [
     "DomainSettings",
     "LossWeights",
     "MaterialSettings",
+    "MoldSettings",
     "MotionSettings",
     "OptimizeSettings",
     "PatternSettings",

@@ -17,6 +17,7 @@ from hilbrace.config.biomech import BiomechSettings
 from hilbrace.config.body import BodySettings
 from hilbrace.config.domain import DomainSettings
 from hilbrace.config.material import MaterialSettings
+from hilbrace.config.mold import MoldSettings
 from hilbrace.config.motion import MotionSettings
 from hilbrace.config.optimize import ANGLES, OptimizeSettings, controlled_angles
 from hilbrace.config.pattern import PatternSettings, SolidSettings
@@ -37,6 +38,7 @@ class Config(Section):
     optimize: OptimizeSettings = OptimizeSettings()
     pattern: PatternSettings = PatternSettings()
     solid: SolidSettings = SolidSettings()
+    mold: MoldSettings = MoldSettings()
 
 
 def read_config(path: Path, overrides: dict[str, str] | None = None) -> Config:

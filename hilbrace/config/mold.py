@@ -35,8 +35,8 @@ class MoldSettings(Section):
         default=0.1,
         ge=0,
         le=5,
-        description="linear shrinkage of the casting, made up for by a larger mold; 0.1 for platinum silicone "
-        "[%]",
+        description="linear shrinkage of the casting, made up for by a larger mold; 0.1 of platinum "
+        "silicone [%]",
     )
     draft_deg: float = Field(default=2.0, ge=0, le=20, description="draft of the groove walls [deg]")
     gutter_mm: float = Field(

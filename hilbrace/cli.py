@@ -223,7 +223,7 @@ def _doctor(options: argparse.Namespace) -> int:
 
 def _cells_options(command: argparse.ArgumentParser, action: str) -> None:
     if action in ("coupon", "calibrate"):
-        from hilbrace.pattern.coupon_command import add_options
+        from hilbrace.pattern.coupon.command import add_options
 
         command.set_defaults(command=_coupon)
         add_options(command, action)
@@ -274,7 +274,7 @@ def _cells(options: argparse.Namespace) -> int:
 
 
 def _coupon(options: argparse.Namespace) -> int:
-    from hilbrace.pattern.coupon_command import calibrated, coupon
+    from hilbrace.pattern.coupon.command import calibrated, coupon
 
     figures, text = (coupon if options.action == "coupon" else calibrated)(options)
     if options.json:

@@ -1,7 +1,7 @@
 """Young's modulus of the rubber, read out of a laboratory's tensile test of a coupon.
 
 The coupon's stiffness is the rubber's modulus times a figure of its shape, which
-`hilbrace.pattern.coupon_files` wrote beside it. So the slope of the measured force over the lengthening,
+`hilbrace.pattern.coupon.files` wrote beside it. So the slope of the measured force over the lengthening,
 divided by that figure, is the modulus. Only the first pull counts, between two strains: below, the piece
 still straightens between its grips; above, struts turn into the pull and the rubber is no longer linear.
 """
@@ -15,7 +15,7 @@ from jaxtyping import Float
 from scipy.stats import t as student
 
 from hilbrace.errors import ConfigError, InputError
-from hilbrace.pattern.tensile_curve import LEAST_ROWS, TensileCurve
+from hilbrace.pattern.coupon.curve import LEAST_ROWS, TensileCurve
 
 Array = np.ndarray
 

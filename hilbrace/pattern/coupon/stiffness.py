@@ -16,7 +16,7 @@ from jaxtyping import Float
 from hilbrace.material.cell_figures import cell_samples
 from hilbrace.material.curves import load_curves
 from hilbrace.material.homogenize import directional_modulus, with_poisson
-from hilbrace.pattern.coupon import CouponPlan, Sheet, check_plan, lattice, plate, strut_steps
+from hilbrace.pattern.coupon.piece import CouponPlan, Sheet, check_plan, lattice, plate, strut_steps
 from hilbrace.shell import brace_stiffness, orthotropic
 
 Array = np.ndarray

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hilbrace.errors import ConfigError, InputError
-from hilbrace.pattern.tensile_curve import TensileCurve, read_curve
-from hilbrace.pattern.tensile_test import calibrate, run_file_lines
+from hilbrace.pattern.coupon.calibration import calibrate, run_file_lines
+from hilbrace.pattern.coupon.curve import TensileCurve, read_curve
 
 GAUGE = 120.0
 STIFFNESS = 0.25

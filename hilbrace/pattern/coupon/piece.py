@@ -1,7 +1,8 @@
 """Flat test pieces of a microstructure: a plate of whole cells between two solid grips.
 
-A laboratory casts the plate from its own rubber and pulls it; `hilbrace.pattern.coupon_stiffness` says what
-force that takes, and `hilbrace.pattern.tensile_test` reads the modulus of the rubber out of the measurement.
+A laboratory casts the plate from its own rubber and pulls it; `hilbrace.pattern.coupon.stiffness` says what
+force that takes, and `hilbrace.pattern.coupon.calibration` reads the modulus of the rubber out of the
+measurement.
 
 The plate lies in the plane of x and y and is pulled along y. Its free edges and the edges of its grips run
 along mirror lines of the cells, where nothing that the sheet carries is cut obliquely. Each grip has a hole

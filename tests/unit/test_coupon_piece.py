@@ -11,9 +11,11 @@ import trimesh
 
 from hilbrace import cli
 from hilbrace.errors import ConfigError, GeometryError, InputError
-from hilbrace.pattern.coupon import CouponPlan, coupon_body, lattice, plate, volume_fraction
-from hilbrace.pattern.coupon_files import coupon_picture, read_coupon, write_coupon
-from hilbrace.pattern.coupon_stiffness import (
+from hilbrace.pattern.coupon import piece
+from hilbrace.pattern.coupon import stiffness as stiffness_of_coupon
+from hilbrace.pattern.coupon.files import coupon_picture, read_coupon, write_coupon
+from hilbrace.pattern.coupon.piece import CouponPlan, coupon_body, lattice, plate, volume_fraction
+from hilbrace.pattern.coupon.stiffness import (
     STRAIN_LIMIT,
     detailed_stiffness,
     force_line,
@@ -69,10 +71,8 @@ def test_the_mesh_has_no_needles_and_two_pins():
 def test_a_solid_plate_pulls_as_a_bar_does():
     """A long plate with the stiffness of the solid: E A / L but for what rigid grips hold together."""
     plan = CouponPlan("square", 0.5, across=2, length=20, cell_mm=8.0)
-    from hilbrace.pattern import coupon_stiffness
-
     solid = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.5]])
-    stiffness = coupon_stiffness._stretch(plate(plan, 6), plan, solid, 0.0)
+    stiffness = stiffness_of_coupon._stretch(plate(plan, 6), plan, solid, 0.0)
     assert stiffness == pytest.approx(plan.width_mm * plan.thickness_mm / plan.gauge_mm, rel=2e-3)
 
 
@@ -136,9 +136,7 @@ def test_unknown_cells_are_named():
 
 
 def test_struts_that_leave_the_grips_alone_are_refused(monkeypatch):
-    from hilbrace.pattern import coupon
-
-    monkeypatch.setattr(coupon, "cell_distance", lambda name, u, v: np.full(len(u), 9.0))
+    monkeypatch.setattr(piece, "cell_distance", lambda name, u, v: np.full(len(u), 9.0))
     with pytest.raises(GeometryError, match="hang together"):
         lattice(SMALL)
 

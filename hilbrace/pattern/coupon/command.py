@@ -9,10 +9,10 @@ from typing import Any
 
 from hilbrace.config import MaterialSettings
 from hilbrace.errors import ConfigError
-from hilbrace.pattern.coupon import CouponPlan
-from hilbrace.pattern.coupon_files import read_coupon, write_coupon
-from hilbrace.pattern.tensile_curve import read_curve
-from hilbrace.pattern.tensile_test import WINDOW, calibrate, run_file_lines
+from hilbrace.pattern.coupon.calibration import WINDOW, calibrate, run_file_lines
+from hilbrace.pattern.coupon.curve import read_curve
+from hilbrace.pattern.coupon.files import read_coupon, write_coupon
+from hilbrace.pattern.coupon.piece import CouponPlan
 
 EXAMPLES = {
     "coupon": "hilbrace cells coupon voronoi_open --d 0.5 --out coupon",

@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 from hilbrace.errors import InputError
-from hilbrace.pattern.coupon import CouponPlan, Sheet, coupon_body, lattice, volume_fraction
-from hilbrace.pattern.coupon_stiffness import (
+from hilbrace.pattern.coupon.piece import CouponPlan, Sheet, coupon_body, lattice, volume_fraction
+from hilbrace.pattern.coupon.stiffness import (
     STRAIN_LIMIT,
     CouponPrediction,
     DetailedStiffness,

@@ -82,6 +82,12 @@ def _parser(words: list[str]) -> argparse.ArgumentParser:
         default="serve",
         help="synthetic motion (default: serve)",
     )
+    demo.add_argument(
+        "--preset",
+        choices=("default", "smooth", "paper"),
+        default="default",
+        help="values for all that is not said otherwise (default: default)",
+    )
     _run_options(demo, default_out="hilbrace-demo")
 
     run = _command(
@@ -172,7 +178,9 @@ def _run_options(command: argparse.ArgumentParser, default_out: str | None) -> N
 def _demo(options: argparse.Namespace) -> int:
     from hilbrace.pipeline import demo_config, run_stages
 
-    config = demo_config(options.motion, quick=options.quick, overrides=_overrides(options.set))
+    config = demo_config(
+        options.motion, quick=options.quick, overrides=_overrides(options.set), preset=options.preset
+    )
     metrics = run_stages(config, Path(options.out), until=options.until, quiet=options.json)
     return _finish(options, Path(options.out), metrics)
 

@@ -15,6 +15,7 @@ from hilbrace.config.optimize import (
     passive_stiffness,
 )
 from hilbrace.config.pattern import PatternSettings, SolidSettings
+from hilbrace.config.presets import OPEN, PRESETS, PresetName, departures
 from hilbrace.config.run_file import Config, apply_overrides, known_keys, parse_config, read_config
 from hilbrace.config.section import Section
 from hilbrace.config.subject import SubjectSettings
@@ -22,6 +23,8 @@ from hilbrace.config.subject import SubjectSettings
 __all__ = [
     "ANGLES",
     "ASSUMED_PASSIVE",
+    "OPEN",
+    "PRESETS",
     "BiomechSettings",
     "BodySettings",
     "Config",
@@ -32,11 +35,13 @@ __all__ = [
     "MotionSettings",
     "OptimizeSettings",
     "PatternSettings",
+    "PresetName",
     "Section",
     "SolidSettings",
     "SubjectSettings",
     "apply_overrides",
     "controlled_angles",
+    "departures",
     "known_keys",
     "parse_config",
     "passive_stiffness",

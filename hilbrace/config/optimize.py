@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, PositiveInt
 
 from hilbrace.config.section import Section
 
@@ -36,11 +36,65 @@ class OptimizeSettings(Section):
 
     seed: int = Field(default=0, description="seed of everything random")
     iterations: int = Field(default=100, ge=1, le=10000, description="iterations")
-    learning_rate: float = Field(default=0.3, gt=0, description="step of Adam")
+    learning_rate: float = Field(default=0.3, gt=0, description="step of Adam at the first iteration")
+    learning_rate_end: float = Field(
+        default=0.1,
+        gt=0,
+        le=1,
+        description="step of the last iteration over that of the first; in between it falls as a cosine",
+    )
+    gradient_limit: float = Field(
+        default=1.0, ge=0, description="largest norm of the gradient, longer ones are shortened; 0 for none"
+    )
+    gradient_noise: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="random part of the first gradient over its norm, fading to none at the end; 0 is none",
+    )
+    patience: int = Field(
+        default=0,
+        ge=0,
+        description="iterations that the total loss may go without falling by a thousandth before the design "
+        "counts as done; 0 runs all iterations",
+    )
+    field: Literal["gaussian", "network"] = Field(
+        default="gaussian",
+        description="how the field is written: the paper's layer of 10,000 Gaussians, or a network of layers",
+    )
     sigma: float = Field(default=20.0, gt=0, description="sharpness of the Gaussians (paper: 4)")
+    network_layers: tuple[PositiveInt, ...] = Field(
+        default=(32, 32), min_length=1, description="neurons in each hidden layer of the network"
+    )
+    network_waves: int = Field(
+        default=6, ge=1, le=40, description="waves along each axis of the map that enter the network"
+    )
+    volume: Literal["penalised", "exact"] = Field(
+        default="penalised",
+        description="how the volume fraction is kept: by the loss L4 alone, or exactly in every iteration, "
+        "the level of the field being solved for",
+    )
     volume_fraction: float = Field(default=0.4, gt=0.1, lt=0.65, description="target volume fraction [-]")
     weights: LossWeights = LossWeights()
     p_norm: float = Field(default=20.0, ge=1, description="exponent of the worst-frame norm")
+    p_norm_start: float | None = Field(
+        default=None,
+        ge=1,
+        description="exponent at the first iteration, rising evenly in logarithms; p_norm if left out",
+    )
+    sharpness_end: float = Field(
+        default=1.0,
+        gt=0,
+        le=100,
+        description="slope of the projection at the last iteration over that at the first, rising evenly in "
+        "logarithms; large ones leave little between thin and thick struts",
+    )
+    segmentation_every: int = Field(
+        default=0,
+        ge=0,
+        description="iterations between two segmentations by the energy of the present moduli, as in the "
+        "paper; 0 segments once, by the energy for one modulus everywhere",
+    )
     coupling: Literal["stiffness", "paper"] = Field(
         default="stiffness",
         description="how the brace acts on the joint in the design: by the stiffness between its edges, or "
@@ -89,6 +143,9 @@ class OptimizeSettings(Section):
         "also between the angles as muscles of constant activation couple them, or nothing",
     )
     checkpoint_every: int = Field(default=5, ge=1, description="iterations between checkpoints")
+    snapshots: int = Field(
+        default=40, ge=0, le=400, description="pictures of the evolving field in its film; 0 for no film"
+    )
 
 
 def controlled_angles(settings: OptimizeSettings, joint: str) -> tuple[tuple[str, ...], tuple[str, ...]]:

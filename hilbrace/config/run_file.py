@@ -11,7 +11,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from hilbrace.config.biomech import BiomechSettings
 from hilbrace.config.body import BodySettings
@@ -21,6 +21,7 @@ from hilbrace.config.mold import MoldSettings
 from hilbrace.config.motion import MotionSettings
 from hilbrace.config.optimize import ANGLES, OptimizeSettings, controlled_angles
 from hilbrace.config.pattern import PatternSettings, SolidSettings
+from hilbrace.config.presets import PresetName, with_preset
 from hilbrace.config.section import Section
 from hilbrace.config.subject import SubjectSettings
 from hilbrace.errors import ConfigError
@@ -29,6 +30,11 @@ from hilbrace.errors import ConfigError
 class Config(Section):
     """Everything a run depends on."""
 
+    preset: PresetName = Field(
+        default="default",
+        description="values for what the file leaves out: default, smooth (a field of sigma 10), or paper "
+        "(everything as published)",
+    )
     subject: SubjectSettings = SubjectSettings()
     motion: MotionSettings = MotionSettings()
     body: BodySettings = BodySettings()
@@ -71,7 +77,7 @@ def parse_config(content: dict[str, Any], where: str) -> Config:
         ConfigError: Names the first wrong key, and the nearest right one.
     """
     try:
-        config = Config.model_validate(content)
+        config = Config.model_validate(with_preset(content))
     except ValidationError as fault:
         raise _explain(fault, where) from None
     _check_angles(config, where)
@@ -147,12 +153,14 @@ def _explain(fault: ValidationError, where: str) -> ConfigError:
 
 def _set(content: dict[str, Any], key: str, text: str) -> None:
     *path, leaf = key.split(".")
-    if not path:
+    if not path and leaf not in known_keys():
         near = [k for k in known_keys() if k.endswith("." + key)][:1]
         hint = f"write it as '{near[0]}'" if near else "write section.key=value"
         raise ConfigError(f"'{key}' names no section", where="--set", hint=hint)
     for part in path:
         content = content.setdefault(part, {})
+        if not isinstance(content, dict):
+            raise ConfigError(f"'{part}' is no section", where=f"--set {key}", hint="write section.key=value")
     try:
         content[leaf] = tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:

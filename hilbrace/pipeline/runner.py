@@ -69,7 +69,8 @@ def run_stages(config: Config, folder: Path, until: str = "report", quiet: bool 
 
 def stage_key(stage: Stage, config: Config, upstream: dict[str, str]) -> str:
     """Digest of all that a stage's result depends on."""
-    sections = {name: getattr(config, name).model_dump(mode="json") for name in stage.sections}
+    whole = config.model_dump(mode="json")
+    sections = {name: whole[name] for name in stage.sections}
     inputs = _input_digests(config) if "motion" in stage.sections else []
     if "domain" in stage.sections:
         inputs += [runs.file_digest(path) for path in painted_files(config)]

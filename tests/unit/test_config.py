@@ -53,7 +53,7 @@ def test_a_wrong_key_or_value_is_named(content, words):
     st.dictionaries(
         st.sampled_from([*Config.model_fields, "extra"]),
         st.dictionaries(
-            st.sampled_from([key.split(".")[1] for key in known_keys()] + ["wrong"]),
+            st.sampled_from([key.split(".")[-1] for key in known_keys()] + ["wrong"]),
             st.one_of(st.integers(), st.floats(allow_nan=False), st.text(max_size=5), st.booleans()),
             max_size=3,
         ),

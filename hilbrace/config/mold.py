@@ -16,8 +16,10 @@ class MoldSettings(Section):
         default="prusa_mk4",
         description="profile of the printer, or a bed of your own as WIDTHxDEPTHxHEIGHT in mm: 250x210x210",
     )
-    process: Literal["fdm", "sla"] = Field(
-        default="fdm", description="how the printer works; sets clearances and least walls"
+    process: Literal["fdm", "sla"] | None = Field(
+        default=None,
+        description="how the printer works: sets clearances and least walls; as the profile says, fdm for a "
+        "bed of your own, if left out",
     )
     shells: int | None = Field(
         default=None,

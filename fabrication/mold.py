@@ -124,11 +124,13 @@ class Filling:
         up: Unit direction that is up while casting.
         port: Where the syringe goes in: a point of the cavity.
         vents: Points of the cavity where bubbles would stay without the vents that were drilled.
+        inlet: Unit direction out of the cavity at the port, along which the syringe stands.
     """
 
     up: Float[Array, "3"]
     port: Float[Array, "3"]
     vents: Float[Array, "vent 3"]
+    inlet: Float[Array, "3"]
 
 
 @dataclass(frozen=True)

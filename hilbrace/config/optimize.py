@@ -74,7 +74,12 @@ class OptimizeSettings(Section):
         description="how the volume fraction is kept: by the loss L4 alone, or exactly in every iteration, "
         "the level of the field being solved for",
     )
-    volume_fraction: float = Field(default=0.4, gt=0.1, lt=0.65, description="target volume fraction [-]")
+    volume_fraction: float = Field(
+        default=0.4,
+        gt=0.0,
+        lt=1.0,
+        description="target volume fraction [-]; one that no casting reaches is refused with the range",
+    )
     weights: LossWeights = LossWeights()
     p_norm: float = Field(default=20.0, ge=1, description="exponent of the worst-frame norm")
     p_norm_start: float | None = Field(

@@ -147,12 +147,28 @@ def evaluate(
         solvers: Open solvers of the shell's sparsity; own ones if left out.
     """
     d = design_variable(problem, problem.triangles, firm.triangles, theta, bias)
-    material = material_of(problem, d, firm.triangles)
+    d_vertex = design_variable(problem, problem.vertices, firm.vertices, theta, bias)
+    return evaluate_material(problem, material_of(problem, d, firm.triangles), d_vertex, solvers)
+
+
+def evaluate_material(
+    problem: Problem,
+    material: Material,
+    d_vertex: Float[Tensor, " cut_vertex"],
+    solvers: SolverPool | None = None,
+) -> Evaluation:
+    """Losses of a brace whose material is given, whatever wrote it.
+
+    Args:
+        problem: The design task.
+        material: Design variable, modulus and volume fraction of the triangles.
+        d_vertex: Design variable at the cut vertices [-].
+        solvers: Open solvers of the shell's sparsity; own ones if left out.
+    """
     mechanics = mechanics_of(problem, material.modulus, solvers)
     stability = losses.joint_stability(
         problem.motion.angles, mechanics.prediction.change, problem.preserve, problem.prevent
     )
-    d_vertex = design_variable(problem, problem.vertices, firm.vertices, theta, bias)
     terms = torch.stack(
         [
             stability.loss,

@@ -11,6 +11,9 @@ from hilbrace.errors import ConfigError
 
 Process = Literal["fdm", "sla"]
 
+MARGIN_MM = 10.0
+"""What a piece leaves free of the bed's width, depth and height."""
+
 
 @dataclass(frozen=True)
 class Printer:
@@ -44,6 +47,11 @@ class Printer:
     layer_mm: float = 0.3
     material: str = "PLA or PETG"
 
+    @property
+    def usable_mm(self) -> tuple[float, float, float]:
+        """Width, depth and height that a piece may take: the bed less room for a skirt and for its raft [mm]."""
+        return self.width_mm - MARGIN_MM, self.depth_mm - MARGIN_MM, self.height_mm - MARGIN_MM
+
 
 SLA = {
     "clearance_mm": 0.1,
@@ -53,8 +61,8 @@ SLA = {
     "layer_mm": 0.1,
     "material": "standard resin, washed, cured for long and sealed",
 }
-"""What differs where resin is cured: 0.1 mm in a sliding fit, walls of 0.5 mm, faces up to 19 degrees from level
-supported (Formlabs' design guide)."""
+"""What differs where resin is cured: 0.1 mm in a sliding fit, walls of 0.5 mm, support for faces up to 19 degrees
+from level (Formlabs' design guide)."""
 
 PRINTERS = {
     printer.name: printer

@@ -49,7 +49,7 @@ class Printer:
 
     @property
     def usable_mm(self) -> tuple[float, float, float]:
-        """Width, depth and height that a piece may take: the bed less room for a skirt and for its raft [mm]."""
+        """Width, depth and height that a piece may take: the bed less a margin [mm]."""
         return self.width_mm - MARGIN_MM, self.depth_mm - MARGIN_MM, self.height_mm - MARGIN_MM
 
 
@@ -61,8 +61,8 @@ SLA = {
     "layer_mm": 0.1,
     "material": "standard resin, washed, cured for long and sealed",
 }
-"""What differs where resin is cured: 0.1 mm in a sliding fit, walls of 0.5 mm, support for faces up to 19 degrees
-from level (Formlabs' design guide)."""
+"""What differs where resin is cured: 0.1 mm in a sliding fit, walls of 0.5 mm, support for faces up to 19
+degrees from level (Formlabs' design guide)."""
 
 PRINTERS = {
     printer.name: printer

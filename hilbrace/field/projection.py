@@ -1,8 +1,8 @@
 """Projection of the field into the range of the design variable.
 
 The paper places a projection behind the layer that keeps d within [0, 1]. Here it is a sigmoid with one bias
-for the whole brace. The bias is free, or it is solved so that the brace has exactly the wanted volume; then
-its derivative comes from the implicit function theorem.
+for the whole brace, and a slope that a schedule may raise. The bias is free, or it is solved so that the
+brace has exactly the wanted volume; then its derivative comes from the implicit function theorem.
 """
 
 from __future__ import annotations
@@ -20,16 +20,24 @@ _SATURATED = 36.0
 
 
 def project(
-    logits: Float[torch.Tensor, " point"], bias: float | Float[torch.Tensor, ""]
+    logits: Float[torch.Tensor, " point"], bias: float | Float[torch.Tensor, ""], sharpness: float = 1.0
 ) -> Float[torch.Tensor, " point"]:
-    """Design variable ``d = sigmoid(logits + bias)`` in (0, 1)."""
-    return torch.sigmoid(logits + bias)
+    """Design variable ``d = sigmoid(sharpness (logits + bias))`` in (0, 1).
+
+    Args:
+        logits: The field.
+        bias: Its level.
+        sharpness: Slope of the projection against the plain sigmoid's [-].
+    """
+    level = logits + bias
+    return torch.sigmoid(level if sharpness == 1.0 else sharpness * level)
 
 
 def project_to_volume(
     logits: Float[torch.Tensor, " point"],
     volume_of_d: Callable[[Float[torch.Tensor, " point"]], Float[torch.Tensor, ""]],
     target: float,
+    sharpness: float = 1.0,
 ) -> tuple[Float[torch.Tensor, " point"], Float[torch.Tensor, ""]]:
     """Project with the bias that meets a volume exactly.
 
@@ -41,6 +49,7 @@ def project_to_volume(
         logits: Field at the points that make up the volume.
         volume_of_d: Volume (or volume fraction) of a design variable at these points; growing with it.
         target: Wanted value of that volume.
+        sharpness: Slope of the projection, see `project`.
 
     Returns:
         The design variable at the points, and the bias [-] with which to `project` the field elsewhere.
@@ -52,10 +61,10 @@ def project_to_volume(
 
     def excess(bias: float) -> float:
         with torch.no_grad():
-            return float(volume_of_d(project(frozen, bias))) - target
+            return float(volume_of_d(project(frozen, bias, sharpness))) - target
 
-    low = -_SATURATED - float(frozen.max())
-    high = _SATURATED - float(frozen.min())
+    low = -_SATURATED / sharpness - float(frozen.max())
+    high = _SATURATED / sharpness - float(frozen.min())
     at_low, at_high = excess(low), excess(high)
     if not at_low < 0.0 < at_high:
         raise SolverError(
@@ -65,17 +74,19 @@ def project_to_volume(
             "smaller pattern.min_strut_mm widens it",
         )
     root = torch.tensor(brentq(excess, low, high, xtol=1e-14), dtype=torch.float64)
-    bias = root - (volume_of_d(project(logits, root)) - target) / _slope(frozen, volume_of_d, root)
-    return project(logits, bias), bias
+    slope = _slope(frozen, volume_of_d, root, sharpness)
+    bias = root - (volume_of_d(project(logits, root, sharpness)) - target) / slope
+    return project(logits, bias, sharpness), bias
 
 
 def _slope(
     logits: Float[torch.Tensor, " point"],
     volume_of_d: Callable[[Float[torch.Tensor, " point"]], Float[torch.Tensor, ""]],
     bias: Float[torch.Tensor, ""],
+    sharpness: float,
 ) -> Float[torch.Tensor, ""]:
     """Derivative of the volume by the bias."""
     with torch.enable_grad():
         moving = bias.detach().requires_grad_()
-        (slope,) = torch.autograd.grad(volume_of_d(project(logits, moving)), moving)
+        (slope,) = torch.autograd.grad(volume_of_d(project(logits, moving, sharpness)), moving)
     return slope.detach()

@@ -25,7 +25,8 @@ class Design:
         iterations: Iterations done.
         solver: Library that solved the shell.
         shapes: Shapes in which the frames' loads acted.
-        parameters: Free parameters of the field (the weights of the Gaussians before the hyperplane).
+        parameters: Free parameters of the field: the weights of the Gaussians before the hyperplane, rows
+            along u; or those of a network, flat.
         d_triangle: Design variable at triangle centres, in [0, 1] [-].
         d_vertex: Design variable at the cut vertices [-].
         width_triangle: Cell-space strut half width (``f_cell <= width``) at triangle centres [-].
@@ -62,7 +63,7 @@ class Design:
     iterations: int
     solver: str
     shapes: int
-    parameters: Float[Array, "row column"]
+    parameters: Float[Array, "*layer"]
     d_triangle: Float[Array, " triangle"]
     d_vertex: Float[Array, " cut_vertex"]
     width_triangle: Float[Array, " triangle"]

@@ -83,7 +83,7 @@ def design_variable(
     problem: Problem,
     place: Place,
     firm: Float[Tensor, " point"],
-    theta: Float[Tensor, "row column"],
+    theta: Float[Tensor, "*layer"],
     bias: Float[Tensor, ""],
 ) -> Float[Tensor, " point"]:
     """The field, projected into the range that can be cast (paper, Sec. 6).
@@ -96,7 +96,7 @@ def design_variable(
         bias: Level of the field.
     """
     low, high = width_limits(problem, place, firm)
-    return low + (high - low) * project(place.field.logits(theta, CONTRAST), bias)
+    return low + (high - low) * project(place.field.logits(theta, CONTRAST), bias, problem.sharpness)
 
 
 def material_of(
@@ -133,7 +133,7 @@ def support_of(problem: Problem, response: BraceResponse) -> Float[Tensor, "post
 def evaluate(
     problem: Problem,
     firm: Firmness,
-    theta: Float[Tensor, "row column"],
+    theta: Float[Tensor, "*layer"],
     bias: Float[Tensor, ""],
     solvers: SolverPool | None = None,
 ) -> Evaluation:

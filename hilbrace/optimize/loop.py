@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from hilbrace.errors import InputError, SolverError
-from hilbrace.field import initial_parameters, project_to_volume
+from hilbrace.field import project_to_volume
 from hilbrace.material.blending import blend_map
 from hilbrace.material.segmentation import segment
 from hilbrace.optimize.design import LOSSES
@@ -61,7 +61,7 @@ class Progress:
 
     key: str
     iteration: int
-    theta: Float[Array, "row column"]
+    theta: Float[Array, "*layer"]
     bias: Float[Array, ""]
     momentum: Float[Array, "2 parameter"]
     firm: Bool[Array, " triangle"]
@@ -111,8 +111,7 @@ def run_loop(
 def first_state(problem: Problem, key: str) -> Progress:
     """The first field: uniform at the target volume, but for a trace of noise from the seed."""
     settings = problem.settings
-    size = problem.triangles.field.size
-    theta = initial_parameters(size, settings.seed, START_NOISE).numpy()
+    theta = problem.triangles.field.start(settings.seed, START_NOISE).numpy()
     firm = segment_by_energy(problem)
     bias = level_for_volume(problem, firmness(problem, firm), torch.from_numpy(theta))
     return Progress(
@@ -148,7 +147,7 @@ def segment_by_energy(problem: Problem) -> Bool[Array, " triangle"]:
     return segment(energy, areas, domain.triangles, domain.vertices, problem.segmentation)
 
 
-def level_for_volume(problem: Problem, firm: Firmness, theta: Float[Tensor, "row column"]) -> float:
+def level_for_volume(problem: Problem, firm: Firmness, theta: Float[Tensor, "*layer"]) -> float:
     """Level at which the field has the target volume.
 
     Raises:

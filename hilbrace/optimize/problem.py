@@ -20,7 +20,7 @@ from hilbrace.config import (
 )
 from hilbrace.domain.domain import Domain, RimBand
 from hilbrace.domain.rim import rim_band
-from hilbrace.field import GaussianField
+from hilbrace.field import Field, build_field
 from hilbrace.material.curves import Microstructures, load_microstructures
 from hilbrace.material.neo_hookean import worst_energy_density
 from hilbrace.material.segmentation import Method
@@ -65,11 +65,11 @@ class Place:
     """Where the field is sampled, and how its widths translate there.
 
     Attributes:
-        field: The Gaussians at these points.
+        field: The field at these points.
         mm_per_uv: Length of one unit of the flat map [mm].
     """
 
-    field: GaussianField
+    field: Field
     mm_per_uv: Float[Tensor, " point"]
 
 
@@ -97,6 +97,7 @@ class Problem:
         shapes: Shapes in which the frames' loads act.
         load: Acting force of every frame.
         settings: The optimizer's settings.
+        sharpness: Slope of the field's projection; a schedule of the loop may raise it [-].
     """
 
     domain: Domain
@@ -118,6 +119,7 @@ class Problem:
     shapes: ShellFamily
     load: LoadPattern
     settings: OptimizeSettings
+    sharpness: float = 1.0
 
     @property
     def rest_posture(self) -> int:
@@ -159,8 +161,8 @@ def build_problem(
     passive = passive_stiffness(settings, kind)
     return Problem(
         domain=domain,
-        triangles=_place(corner_uv.mean(axis=1), length, settings.sigma, domain.period_u),
-        vertices=_place(domain.uv, _at_cut_vertices(length, domain), settings.sigma, domain.period_u),
+        triangles=_place(corner_uv.mean(axis=1), length, settings, domain.period_u),
+        vertices=_place(domain.uv, _at_cut_vertices(length, domain), settings, domain.period_u),
         areas=torch.from_numpy(areas),
         rim=torch.from_numpy(band.triangles),
         cells=load_microstructures(soft=material.soft, firm=material.firm),
@@ -200,8 +202,8 @@ def width_limits(
     return low, torch.maximum(high.clamp(max=1.0), low + 0.1)
 
 
-def _place(points: Array, mm_per_uv: Array, sigma: float, period_u: float) -> Place:
-    return Place(GaussianField(points, sigma, period_u=period_u), torch.from_numpy(mm_per_uv))
+def _place(points: Array, mm_per_uv: Array, settings: OptimizeSettings, period_u: float) -> Place:
+    return Place(build_field(points, settings, period_u), torch.from_numpy(mm_per_uv))
 
 
 def _at_cut_vertices(values: Float[Array, " triangle"], domain: Domain) -> Float[Array, " cut_vertex"]:

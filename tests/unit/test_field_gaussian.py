@@ -1,4 +1,4 @@
-"""The Gaussian field: the paper's sum, its hyperplane, and the low-rank evaluation that changes nothing."""
+"""The Gaussian field: the paper's sum, its hyperplane, and an evaluation that is right to ten digits."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_low_rank_evaluation_equals_the_papers_sum(sigma):
     theta = initial_parameters(seed=1, spread=1.0)
     expected = dense_field(uv, sigma, theta)
     ours = GaussianField(uv, sigma).evaluate(theta).numpy()
-    np.testing.assert_allclose(ours, expected, atol=2e-13 * np.abs(expected).max())
+    np.testing.assert_allclose(ours, expected, atol=1e-10 * np.abs(expected).max())
 
 
 @settings(max_examples=25, deadline=None)
@@ -41,7 +41,7 @@ def test_low_rank_evaluation_holds_for_any_layer(seed, sigma, size):
     uv, theta = points(40, seed), initial_parameters(size, seed, 1.0)
     expected = dense_field(uv, sigma, theta)
     ours = GaussianField(uv, sigma, size).evaluate(theta).numpy()
-    np.testing.assert_allclose(ours, expected, atol=1e-12 * max(np.abs(expected).max(), 1.0))
+    np.testing.assert_allclose(ours, expected, atol=1e-10 * max(np.abs(expected).max(), 1.0))
 
 
 def test_gradient_equals_that_of_the_dense_sum():
@@ -51,7 +51,7 @@ def test_gradient_equals_that_of_the_dense_sum():
     rows = [neuron_row(uv[:, axis], 10.0, 100, 0.0) for axis in range(2)]
     dense = rows[0].T @ (pull.numpy()[:, None] * rows[1])
     expected = dense - dense.mean()
-    np.testing.assert_allclose(ours.numpy(), expected, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(ours.numpy(), expected, atol=1e-10 * np.abs(expected).max())
 
 
 def test_gradient_matches_finite_differences():
@@ -98,7 +98,7 @@ def test_periodic_field_closes_around_the_limb(sigma, period):
     here = GaussianField(uv, sigma, period_u=period).evaluate(theta)
     for turns in (-1, 1, 3):
         there = GaussianField(uv + np.array([turns * period, 0.0]), sigma, period_u=period).evaluate(theta)
-        torch.testing.assert_close(there, here, rtol=0, atol=1e-11 * here.abs().max().item())
+        torch.testing.assert_close(there, here, rtol=0, atol=1e-12 * here.abs().max().item())
 
 
 def test_periodic_field_is_the_sum_over_all_images():
@@ -109,7 +109,7 @@ def test_periodic_field_is_the_sum_over_all_images():
     )
     expected = ((images @ hyperplane_weights(theta).numpy()) * neuron_row(uv[:, 1], 5.0, 30, 0.0)).sum(axis=1)
     ours = GaussianField(uv, 5.0, 30, period).evaluate(theta).numpy()
-    np.testing.assert_allclose(ours, expected, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(ours, expected, atol=1e-10 * np.abs(expected).max())
 
 
 def test_field_is_the_same_whatever_points_it_is_asked_with():

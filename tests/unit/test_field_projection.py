@@ -92,3 +92,20 @@ def test_taylor_remainder_falls_with_the_square_of_the_step():
 def test_volume_out_of_reach_is_refused(target):
     with pytest.raises(SolverError, match="no design has the volume"):
         project_to_volume(some_logits(), fraction, target)
+
+
+@pytest.mark.parametrize("sharpness", [1.0, 4.0, 50.0])
+def test_a_steep_projection_meets_the_volume_too_with_exact_derivatives(sharpness):
+    d, bias = project_to_volume(some_logits(), fraction, 0.4, sharpness)
+    assert fraction(d).item() == pytest.approx(0.4, abs=1e-13)
+    torch.testing.assert_close(project(some_logits(), bias, sharpness), d, rtol=0, atol=0)
+
+    def level(logits):
+        return project_to_volume(logits, fraction, 0.4, sharpness)[1]
+
+    assert torch.autograd.gradcheck(level, some_logits(spread=0.3).requires_grad_(), eps=1e-6, rtol=1e-5)
+
+
+def test_a_steep_projection_leaves_little_between():
+    plain, steep = (project_to_volume(some_logits(), fraction, 0.4, slope)[0] for slope in (1.0, 30.0))
+    assert float((steep * (1 - steep)).mean()) < 0.2 * float((plain * (1 - plain)).mean())

@@ -36,8 +36,13 @@ class Casting:
         triangles: Triangles of that surface, outward.
         covered: Triangles under the brace, whose border is exactly the brace's outline; ``None`` of a
             foreign brace, whose grooves are cut by a boolean instead.
+        beyond: Which triangles lie beyond the brace's edges: -1 below the lower one (the foot that the core
+            stands on), 1 above the upper one (the gutter), 0 between them. Both parts are ruled: the edge
+            of the outer face moved straight along an axis, so that a shell slides off them sideways.
         centreline: Points along the limb's axis from the lower to the upper edge, bends included.
         shrinkage: Linear enlargement that the brace got, 0.001 for 0.1 % [-].
+        flat: The surface is a sheet with one border (a coupon on its ground), not a tube.
+        repairs: What was mended in a foreign brace, a sentence each.
     """
 
     name: str
@@ -50,8 +55,11 @@ class Casting:
     thickness: Float[Array, " vertex"]
     triangles: Int[Array, "triangle 3"]
     covered: Bool[Array, " triangle"] | None
+    beyond: Int[Array, " triangle"]
     centreline: Float[Array, "point 3"]
     shrinkage: float
+    flat: bool = False
+    repairs: tuple[str, ...] = ()
 
     @property
     def outer(self) -> Float[Array, "vertex 3"]:

@@ -99,6 +99,12 @@ def _parser(words: list[str]) -> argparse.ArgumentParser:
     )
     _run_options(run, default_out=None)
 
+    ablate = _command(
+        commands, "ablate", _ablate, "what each loss and the volume do to a design: one table, one picture",
+        "hilbrace ablate hilbrace-demo --out ablation --preset paper",
+    )  # fmt: skip
+    _ablate_options(ablate)
+
     show = _command(commands, "show", _show, "what came out of a run folder", "hilbrace show hilbrace-demo")
     show.add_argument("folder", type=Path, metavar="FOLDER", help="run folder")
     show.add_argument("--json", action="store_true", help="print metrics.json instead of the table")
@@ -113,6 +119,7 @@ def _parser(words: list[str]) -> argparse.ArgumentParser:
         " hilbrace cells calibrate curve.csv",
     )  # fmt: skip
     _cells_options(cells, "".join(words[1:2]) if words[:1] == ["cells"] else "")
+
     _add_packages(commands, words[0] if words else "")
     return parser
 
@@ -195,6 +202,55 @@ def _run(options: argparse.Namespace) -> int:
     out = options.out or (source if source.is_dir() else Path("runs") / file.resolve().parent.name)
     metrics = run_stages(config, out, until=options.until, quiet=options.json)
     return _finish(options, out, metrics)
+
+
+def _ablate_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "source", type=Path, metavar="RUN|run.toml", help="run folder, or a configuration file"
+    )
+    command.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder of table, picture and variants (default: RUN/ablation, or runs/<name of the file's "
+        "folder>/ablation)",
+    )
+    command.add_argument(
+        "--preset",
+        choices=("default", "smooth", "paper"),
+        help="take a preset's values, whatever the source says (default: the source's own)",
+    )
+    command.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="A.B=VALUE",
+        help="change one value of the configuration",
+    )
+    command.add_argument(
+        "--json", action="store_true", help="print ablation.json when done, and nothing else"
+    )
+
+
+def _ablate(options: argparse.Namespace) -> int:
+    from hilbrace.config import preset_overrides, read_config
+    from hilbrace.pipeline.ablation import run_ablation
+    from hilbrace.report.ablation import ablation_figures, ablation_text
+
+    file: Path = options.source / "run.toml" if options.source.is_dir() else options.source
+    chosen = preset_overrides(options.preset) if options.preset else {}
+    config = read_config(file, chosen | _overrides(options.set))
+    finished = file.parent if (file.parent / "manifest.json").is_file() else None
+    out = options.out or (finished or Path("runs") / file.resolve().parent.name) / "ablation"
+    ablation = run_ablation(config, finished, out, quiet=options.json)
+    if options.json:
+        _print_json(ablation_figures(ablation))
+        return 0
+    sys.stdout.write(ablation_text(ablation))
+    sys.stdout.write(
+        f"\npage    {out / 'ablation.html'}\npicture {out / 'ablation.png'}\ntable   {out / 'ablation.csv'}\n"
+    )
+    return 0
 
 
 def _finish(options: argparse.Namespace, out: Path, metrics: dict[str, Any]) -> int:

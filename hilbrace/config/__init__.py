@@ -15,7 +15,7 @@ from hilbrace.config.optimize import (
     passive_stiffness,
 )
 from hilbrace.config.pattern import PatternSettings, SolidSettings
-from hilbrace.config.presets import OPEN, PRESETS, PresetName, departures
+from hilbrace.config.presets import OPEN, PRESETS, PresetName, departures, preset_overrides
 from hilbrace.config.run_file import Config, apply_overrides, known_keys, parse_config, read_config
 from hilbrace.config.section import Section
 from hilbrace.config.subject import SubjectSettings
@@ -45,5 +45,6 @@ __all__ = [
     "known_keys",
     "parse_config",
     "passive_stiffness",
+    "preset_overrides",
     "read_config",
 ]

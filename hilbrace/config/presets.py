@@ -8,6 +8,7 @@ What the paper preset cannot take over literally, or what the paper does not say
 
 from __future__ import annotations
 
+import json
 from typing import Any, Literal
 
 from pydantic import BaseModel
@@ -83,6 +84,15 @@ def with_preset(content: dict[str, Any]) -> dict[str, Any]:
     return merged
 
 
+def preset_overrides(name: str) -> dict[str, str]:
+    """A preset as overrides by dotted key, for a document that says every value itself.
+
+    Args:
+        name: Name of the preset.
+    """
+    return {"preset": json.dumps(name)} | _dotted(PRESETS[name], "")
+
+
 def departures(preset: str, config: BaseModel) -> tuple[str, ...]:
     """Where a configuration says something else than its preset, as ``key = value (preset: value)``.
 
@@ -91,6 +101,16 @@ def departures(preset: str, config: BaseModel) -> tuple[str, ...]:
         config: The whole configuration.
     """
     return tuple(_differences(PRESETS[preset], config.model_dump(mode="json"), ""))
+
+
+def _dotted(values: dict[str, Any], prefix: str) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for key, value in values.items():
+        if isinstance(value, dict):
+            found |= _dotted(value, f"{prefix}{key}.")
+        else:
+            found[prefix + key] = json.dumps(value)
+    return found
 
 
 def _filled(defaults: dict[str, Any], content: dict[str, Any]) -> dict[str, Any]:

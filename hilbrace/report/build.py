@@ -130,6 +130,7 @@ def _page(
     brace, motion, biomech = metrics["brace"], metrics["motion"], metrics["biomech"]
     return template.render(
         figure=figure,
+        style=Markup(resources.files("hilbrace.report").joinpath("style.css").read_text("utf-8")),
         turnable=Markup(view),
         subject=config.subject.name,
         joint_text=f"{config.domain.side} {config.domain.joint}",

@@ -120,6 +120,15 @@ def _parser(words: list[str]) -> argparse.ArgumentParser:
     )  # fmt: skip
     _cells_options(cells, "".join(words[1:2]) if words[:1] == ["cells"] else "")
 
+    scan = _command(
+        commands, "scan", _scan, "from structured-light pictures or a scanner's mesh to a limb",
+        "hilbrace scan patterns --out patterns --projector 1280x720",
+    )  # fmt: skip
+    if words[:1] == ["scan"]:
+        from hilbrace.scan.scan_command import add_options
+
+        add_options(scan, "".join(words[1:2]))
+
     _add_packages(commands, words[0] if words else "")
     return parser
 
@@ -341,6 +350,17 @@ def _coupon(options: argparse.Namespace) -> int:
     from hilbrace.pattern.coupon.command import calibrated, coupon
 
     figures, text = (coupon if options.action == "coupon" else calibrated)(options)
+    if options.json:
+        _print_json(figures)
+    else:
+        sys.stdout.write(text)
+    return 0
+
+
+def _scan(options: argparse.Namespace) -> int:
+    from hilbrace.scan.scan_command import act
+
+    figures, text = act(options)
     if options.json:
         _print_json(figures)
     else:

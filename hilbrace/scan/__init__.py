@@ -1,0 +1,1 @@
+"""From structured-light pictures or a scanner's mesh to the surface of a limb."""

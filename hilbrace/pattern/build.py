@@ -13,7 +13,7 @@ from hilbrace.optimize.design import Design
 from hilbrace.pattern.axis import strut_axis
 from hilbrace.pattern.border import strut_widths
 from hilbrace.pattern.checks import is_watertight, measured_thickness, part_count, spread_sample
-from hilbrace.pattern.clip import cut_out, solid_fraction, triangle_areas
+from hilbrace.pattern.clip import cut_out, lands_beside, solid_fraction, triangle_areas
 from hilbrace.pattern.fields import local_widths, nearest_values, places_on
 from hilbrace.pattern.implicit import BlendedPattern, blended_pattern, vertex_map_length
 from hilbrace.pattern.inputs import check_cells, check_design, resolution
@@ -60,7 +60,7 @@ def build_pattern(
     areas = triangle_areas(skin.vertices, skin.triangles)
     blended = blended_pattern(domain, design, skin, settings, material)
     level, done = _to_share(skin, blended, areas, design_fraction(domain, design), settings)
-    struts = cut_out(skin, done.line)
+    struts, lands = cut_out(skin, done.line), lands_beside(skin, done.line)
     places = places_on(domain, struts.vertices)
     return Pattern(
         vertices=struts.vertices,
@@ -75,6 +75,8 @@ def build_pattern(
         islands_dropped=level.islands + done.islands,
         area_fraction=float(triangle_areas(struts.vertices, struts.triangles).sum() / areas.sum()),
         level_shift=level.shift,
+        land_vertices=lands.vertices,
+        land_triangles=lands.triangles,
     )
 
 
@@ -119,10 +121,11 @@ def build_solid(
     thickness = material.thickness_mm
     offset = safe_offset(domain, thickness)
     places = places_on(domain, pattern.vertices)
-    direction = places.value(domain.triangles, offset.direction)
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    vector = places.value(domain.triangles, offset.vector)
+    reach = np.linalg.norm(vector, axis=1)
+    direction = vector / reach[:, None]
     local = places.value(domain.triangles, offset.thickness)
-    points, faces = thicken(pattern.vertices, direction, pattern.triangles, local)
+    points, faces = thicken(pattern.vertices, direction, pattern.triangles, reach)
     body = simplify(manifold(points, faces), settings.simplify_mm)
     vertices, triangles = surface(body)
     known = nearest_values(vertices, points) % len(pattern.vertices)
@@ -139,7 +142,7 @@ def build_solid(
         expected_volume_mm3=offset_volume(domain, offset, _filled(design)),
         thickness_p01_mm=float(np.percentile(_along_rays(body, pattern, direction, thickness), 1)),
         thickness_min_mm=float(local.min()),
-        folded_triangles=folded_triangles(pattern.vertices, direction, pattern.triangles, local),
+        folded_triangles=folded_triangles(pattern.vertices, direction, pattern.triangles, reach),
         d=pattern.d[known],
         label=(pattern.firm[known] > 0.5).astype(float),
         strut_width_mm=pattern.strut_width_mm[known],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -53,6 +53,19 @@ class Cutout:
     triangles: Int[Array, "triangle 3"]
 
 
+@dataclass(frozen=True)
+class Lands:
+    """The part of the skin where the depth is negative: windows between struts.
+
+    Attributes:
+        vertices: Positions of those vertices that the cutout lacks [mm].
+        triangles: Outward; they index the cutout's vertices first, then these.
+    """
+
+    vertices: Float[Array, "vertex 3"]
+    triangles: Int[Array, "triangle 3"]
+
+
 def zero_line(skin: RefinedSkin, depth: Float[Array, " vertex"]) -> ZeroLine:
     """Find the zero line of a depth function."""
     depth = np.where(np.abs(depth) < SNAP_MM, np.where(depth > 0, SNAP_MM, -SNAP_MM), depth)
@@ -81,25 +94,25 @@ def zero_line(skin: RefinedSkin, depth: Float[Array, " vertex"]) -> ZeroLine:
 
 def cut_out(skin: RefinedSkin, line: ZeroLine) -> Cutout:
     """Keep the solid side of the zero line; neighbours share the cut points, so the result is a manifold."""
-    solid = line.depth > 0
-    inside = solid[skin.triangles].sum(axis=1)
-    mixed = skin.triangles[line.triangle]
-    one = inside[line.triangle] == 1
-    lone = _lone_first(mixed, solid, one)
-    count = len(skin.vertices)
-    near = count + np.where(one[:, None], line.segments, line.segments[:, ::-1])
-    tip = np.stack([lone[one, 0], near[one, 0], near[one, 1]], axis=1)
-    rest, cut = lone[~one], near[~one]
-    first = np.stack([rest[:, 1], rest[:, 2], cut[:, 1]], axis=1)
-    second = np.stack([rest[:, 1], cut[:, 1], cut[:, 0]], axis=1)
-    triangles = np.concatenate([skin.triangles[inside == 3], tip, first, second])
-
+    triangles = _solid_side(skin, line)
     normals = skin.normals[line.inner] * (1 - line.t)[:, None] + skin.normals[line.outer] * line.t[:, None]
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     whole = Cutout(
         np.concatenate([skin.vertices, line.points]), np.concatenate([skin.normals, normals]), triangles
     )
     return compact(whole, np.ones(len(triangles), dtype=bool))
+
+
+def lands_beside(skin: RefinedSkin, line: ZeroLine) -> Lands:
+    """The other side of the zero line, on the same cut points as `cut_out`: both together are the skin."""
+    struts, holes = _solid_side(skin, line), _solid_side(skin, _turned(line))
+    points = np.concatenate([skin.vertices, line.points])
+    number = np.full(len(points), -1)
+    shared = np.unique(struts)
+    number[shared] = np.arange(len(shared))
+    own = np.setdiff1d(holes, shared)
+    number[own] = len(shared) + np.arange(len(own))
+    return Lands(points[own], number[holes])
 
 
 def compact(cutout: Cutout, keep: Bool[Array, " triangle"]) -> Cutout:
@@ -132,6 +145,34 @@ def triangle_areas(
     """Areas of triangles [mm^2]."""
     p = vertices[triangles]
     return np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1) / 2
+
+
+def _solid_side(skin: RefinedSkin, line: ZeroLine) -> Int[Array, "triangle 3"]:
+    """Triangles where the depth is positive; the cut points are numbered after the skin's vertices."""
+    solid = line.depth > 0
+    inside = solid[skin.triangles].sum(axis=1)
+    mixed = skin.triangles[line.triangle]
+    one = inside[line.triangle] == 1
+    lone = _lone_first(mixed, solid, one)
+    count = len(skin.vertices)
+    near = count + np.where(one[:, None], line.segments, line.segments[:, ::-1])
+    tip = np.stack([lone[one, 0], near[one, 0], near[one, 1]], axis=1)
+    rest, cut = lone[~one], near[~one]
+    first = np.stack([rest[:, 1], rest[:, 2], cut[:, 1]], axis=1)
+    second = np.stack([rest[:, 1], cut[:, 1], cut[:, 0]], axis=1)
+    return np.concatenate([skin.triangles[inside == 3], tip, first, second])
+
+
+def _turned(line: ZeroLine) -> ZeroLine:
+    """The same line with solid and hole exchanged."""
+    return replace(
+        line,
+        depth=-line.depth,
+        inner=line.outer,
+        outer=line.inner,
+        t=1 - line.t,
+        segments=line.segments[:, ::-1],
+    )
 
 
 def _lone_first(

@@ -31,6 +31,9 @@ class Pattern:
         islands_dropped: Pieces that hung on nothing and were removed.
         area_fraction: Area of the struts over the area of the skin [-].
         level_shift: Constant added to the strut half width so that the area fraction is the design's [-].
+        land_vertices: Positions of the vertices that only the skin between the struts has [mm].
+        land_triangles: Triangles of the skin between the struts, outward. They index ``vertices`` first, then
+            ``land_vertices``; with ``triangles`` they are the whole skin, without gap or overlap.
     """
 
     vertices: Float[Array, "vertex 3"]
@@ -45,6 +48,8 @@ class Pattern:
     islands_dropped: int
     area_fraction: float
     level_shift: float
+    land_vertices: Float[Array, "land 3"] = field(default_factory=lambda: np.zeros((0, 3)))
+    land_triangles: Int[Array, "window 3"] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
 
     @property
     def fields(self) -> dict[str, Float[Array, " vertex"]]:

@@ -46,6 +46,21 @@ def test_area_fraction_is_the_designs(pattern):
     assert own / area == pytest.approx(pattern.area_fraction, abs=2e-3)
 
 
+def test_struts_and_lands_are_the_whole_skin_on_one_line_of_points(pattern):
+    points = np.concatenate([pattern.vertices, pattern.land_vertices])
+    whole = np.concatenate([pattern.triangles, pattern.land_triangles])
+    area = triangle_areas(DOMAIN.vertices, DOMAIN.triangles).sum()
+    assert triangle_areas(points, whole).sum() == pytest.approx(area, rel=1e-12)
+    ends = np.concatenate([DOMAIN.upper_loop, DOMAIN.lower_loop])
+    away = cKDTree(DOMAIN.vertices[ends]).query(points[np.unique(border_edges(whole))])[0]
+    edge = np.linalg.norm(np.diff(DOMAIN.vertices[DOMAIN.upper_loop], axis=0), axis=1).max()
+    assert away.max() < edge
+    assert len(np.unique(whole)) == len(points)
+    assert igl.euler_characteristic(whole) == 0
+    steps = whole[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    assert len(np.unique(steps, axis=0)) == len(steps)
+
+
 def test_struts_are_wide_enough_by_an_independent_measure(pattern):
     """Discs of the least width that fit between the borders cover the struts (morphological opening)."""
     assert pattern.strut_width_min_mm >= SETTINGS.min_strut_mm

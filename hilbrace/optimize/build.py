@@ -18,9 +18,10 @@ from hilbrace.optimize.brace_response import posture_stiffness
 from hilbrace.optimize.coupling import brace_spring
 from hilbrace.optimize.design import LOSSES, Design
 from hilbrace.optimize.evaluate import design_variable, fraction_of
-from hilbrace.optimize.loop import run_loop
+from hilbrace.optimize.loop import measure_of, run_loop
 from hilbrace.optimize.predictions import predict
 from hilbrace.optimize.problem import Problem, build_problem
+from hilbrace.optimize.pulls import pulls
 from hilbrace.optimize.uniform import uniform_design
 from hilbrace.run.progress import Report, silent
 from hilbrace.run.records import write_atomic
@@ -61,14 +62,15 @@ def optimize_design(
     problem = build_problem(loads, domain, settings, material, pattern)
     with open_pool(problem.shapes.shells[0].numbering.sparsity, settings.solver) as solvers:
         state, firm, last, seconds = run_loop(problem, checkpoint, key, progress, solvers)
+        with torch.no_grad():
+            theta, bias = torch.from_numpy(state.theta), torch.from_numpy(np.array(state.bias))
+            d_vertex = design_variable(problem, problem.vertices, firm.vertices, theta, bias)
         uniform = uniform_design(problem, fraction_of(problem, last.material))
         plain = posture_stiffness(problem, uniform.modulus, solvers)
+        wanted = pulls(problem, firm, last.material.d.numpy(), d_vertex.numpy(), measure_of(state), solvers)
         solver = solvers.name
     response = last.mechanics.response
     stiffness, stiffness_uniform = _per_degree(problem, response.loops), _per_degree(problem, plain)
-    with torch.no_grad():
-        theta, bias = torch.from_numpy(state.theta), torch.from_numpy(np.array(state.bias))
-        d_vertex = design_variable(problem, problem.vertices, firm.vertices, theta, bias)
     predicted = predict(problem, loads, response)
     reactions = response.frames.reactions.numpy()
     return Design(
@@ -87,6 +89,7 @@ def optimize_design(
         firm_vertex=_closed(firm.vertices.numpy(), domain),
         rim=problem.rim.numpy(),
         energy_density=problem.unit_energy.numpy(),
+        pulls=wanted,
         history=state.history,
         losses_initial=state.losses_initial,
         losses_final=last.terms.numpy(),

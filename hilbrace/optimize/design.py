@@ -37,6 +37,7 @@ class Design:
         firm_vertex: The same at the closed mesh's vertices [-].
         rim: Triangles that stay solid.
         energy_density: Worst elastic energy density over the motion for unit modulus, per triangle [-].
+        pulls: How much each weighted loss wants a triangle firmer, see `hilbrace.optimize.pulls` [-].
         history: Loss terms per iteration, normalised, columns as `LOSSES`, last column the total.
         losses_initial: Unnormalised L1..L5 of the first iteration.
         losses_final: Unnormalised L1..L5 of the last.
@@ -74,6 +75,7 @@ class Design:
     firm_vertex: Float[Array, " vertex"]
     rim: Bool[Array, " triangle"]
     energy_density: Float[Array, " triangle"]
+    pulls: Float[Array, "loss triangle"]
     history: Float[Array, "iteration term"]
     losses_initial: Float[Array, " loss"]
     losses_final: Float[Array, " loss"]

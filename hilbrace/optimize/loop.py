@@ -231,14 +231,18 @@ def _start(problem: Problem, evaluation: Evaluation, solvers: SolverPool | None)
     }
 
 
+def measure_of(state: Progress) -> Reference:
+    """What the losses of a begun loop are measured by."""
+    preserved, relieved = map(float, state.uniform)
+    return Reference(state.measure, preserved, relieved, state.support)
+
+
 def _normalised(
     problem: Problem, evaluation: Evaluation, state: Progress
 ) -> tuple[Float[Tensor, "6"], Float[Tensor, ""]]:
     """The row of the history (L1..L5 and total), and the total to minimise."""
     weights = torch.tensor(list(problem.settings.weights.model_dump().values()), dtype=torch.float64)
-    preserved, relieved = map(float, state.uniform)
-    measure = Reference(state.measure, preserved, relieved, state.support)
-    terms = normalised(evaluation, measure, problem.settings.coupling)
+    terms = normalised(evaluation, measure_of(state), problem.settings.coupling)
     total = (weights * terms).sum()
     return torch.cat([terms, total[None]]), total
 

@@ -118,6 +118,7 @@ def sleeve_design(
         firm_vertex=firm_vertex,
         rim=rim,
         energy_density=np.zeros(len(area)),
+        pulls=np.zeros((len(LOSSES), len(area))),
         history=np.zeros((0, len(LOSSES) + 1)),
         losses_initial=np.zeros(len(LOSSES)),
         losses_final=np.zeros(len(LOSSES)),

@@ -7,7 +7,7 @@ Lengths in mm, in the brace's rest frame (x anterior, y up, z to the subject's r
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -152,6 +152,11 @@ class Mold:
         filling: How it is filled.
         hardware: What to buy.
         undercut: Area of the shells' inner faces that hinders their removal [mm^2], by piece.
+        undercut_deg: Angle by which each triangle of the casting's surface hinders the shell on it, negative
+            where it lets the shell go [deg].
+        shell_of: Number of the shell on each triangle of the casting's surface.
+        channels: Room that is filled but belongs to neither brace nor gutter: port, vents, reliefs.
+        drawn: Fixtures as they were drawn (`fabrication.fixtures.cad.Placed`), for the STEP file.
     """
 
     casting: Casting
@@ -160,6 +165,10 @@ class Mold:
     filling: Filling
     hardware: tuple[Hardware, ...]
     undercut: dict[str, float] = field(default_factory=dict)
+    undercut_deg: Float[Array, " triangle"] = field(default_factory=lambda: np.zeros(0))
+    shell_of: Int[Array, " triangle"] = field(default_factory=lambda: np.zeros(0, np.int64))
+    channels: tuple[Manifold, ...] = ()
+    drawn: tuple[Any, ...] = ()
 
     def of(self, kind: Kind) -> tuple[Piece, ...]:
         """Pieces of a kind."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomli_w
 from jaxtyping import Float
 
 from hilbrace.errors import InputError
@@ -17,6 +17,12 @@ from hilbrace.run.records import write_atomic
 Array = np.ndarray
 
 MEND = "write the file anew with 'hilbrace scan calibrate'"
+
+HEAD = """# Camera and projector as 'hilbrace scan calibrate' found them. A point x of the camera's frame
+# [mm], z along its view, y down, is rotation x + translation_mm in the projector's. Focal lengths and principal
+# points in pixels, middles of pixels at whole numbers; distortion k1, k2, p1, p2, k3 as OpenCV has them;
+# errors are root mean squares in pixels.
+"""
 
 
 @dataclass(frozen=True)
@@ -82,29 +88,31 @@ class Calibration:
 
 
 def save_calibration(calibration: Calibration, path: Path) -> None:
-    """Write a calibration as TOML."""
-    content = {
-        "hilbrace_calibration": 1,
-        "board": calibration.board,
-        "rms_px": round(calibration.rms_px, 4),
-        "camera": _lens_table(calibration.camera),
-        "projector": _lens_table(calibration.projector),
-        "pair": {
-            "rotation": calibration.rotation.tolist(),
-            "translation_mm": calibration.translation.tolist(),
-            "base_mm": round(calibration.base_mm, 2),
-        },
-        "pose": [
-            {**vars(pose), "camera_px": round(pose.camera_px, 4), "projector_px": round(pose.projector_px, 4)}
-            for pose in calibration.poses
-        ],
-    }
-    head = (
-        "# Camera and projector as 'hilbrace scan calibrate' found them. A point x of the camera's frame\n"
-        "# [mm], z along its view, y down, is rotation x + translation_mm in the projector's.\n"
-        "# Lengths of lenses in pixels; distortion k1, k2, p1, p2, k3 as OpenCV has them.\n"
-    )
-    write_atomic(path, (head + tomli_w.dumps(content, multiline_strings=False)).encode())
+    """Write a calibration as TOML, one matrix a line."""
+    poses = [
+        {**vars(pose), "camera_px": round(pose.camera_px, 4), "projector_px": round(pose.projector_px, 4)}
+        for pose in calibration.poses
+    ]
+    parts = [
+        HEAD + _lines({"board": calibration.board, "rms_px": round(calibration.rms_px, 4)}),
+        "[camera]\n" + _lines(_lens_table(calibration.camera)),
+        "[projector]\n" + _lines(_lens_table(calibration.projector)),
+        "[pair]\n"
+        + _lines(
+            {
+                "rotation": calibration.rotation.tolist(),
+                "translation_mm": calibration.translation.tolist(),
+                "base_mm": round(calibration.base_mm, 2),
+            }
+        ),
+        *("[[pose]]\n" + _lines(pose) for pose in poses),
+    ]
+    write_atomic(path, "\n".join(parts).encode())
+
+
+def _lines(table: dict[str, Any]) -> str:
+    """Keys and values, a line each; text, numbers and lists read alike in JSON and TOML."""
+    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in table.items())
 
 
 def read_calibration(path: Path) -> Calibration:

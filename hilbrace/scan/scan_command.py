@@ -14,6 +14,7 @@ from hilbrace.errors import ConfigError
 
 ACTIONS = {
     "patterns": ("hilbrace.scan.patterns_command", "pictures for the projector, and a board to print"),
+    "calibrate": ("hilbrace.scan.calibrate_command", "camera and projector from pictures of a board"),
 }
 """Module of each action, and what it does."""
 

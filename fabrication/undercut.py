@@ -1,0 +1,90 @@
+"""Undercuts: faces that a shell would have to move into on its way off, and the reliefs that clear small ones."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from manifold3d import Manifold
+
+from fabrication.bodies import body_of
+from fabrication.seams import face_normals
+
+Array = np.ndarray
+
+TOLERANCE_DEG = 1.0
+"""Faces that lean less than this against the pull do not count as undercut: silicone and plastic give way."""
+
+EMBED_MM = 0.05
+"""How far a relief reaches into the next shell's room, so that no film stays at the parting [mm]."""
+
+
+def lean(
+    vertices: Float[Array, "vertex 3"],
+    triangles: Int[Array, "triangle 3"],
+    shell_of: Int[Array, " triangle"],
+    pulls: Float[Array, "shell 3"],
+) -> tuple[Float[Array, " triangle"], Float[Array, " triangle"]]:
+    """How faces stand to the pull of the shell that lies on them.
+
+    Args:
+        vertices: The surface that the shells lie on [mm].
+        triangles: Its triangles, outward.
+        shell_of: The shell on each triangle.
+        pulls: Unit direction in which each shell comes off.
+
+    Returns:
+        Angle by which each face hinders the shell [deg], negative where it lets it go, and its area [mm^2].
+    """
+    normals, areas = face_normals(vertices, triangles)
+    along = (normals * pulls[shell_of]).sum(axis=1)
+    return np.degrees(np.arcsin(np.clip(-along, -1.0, 1.0))), areas
+
+
+def undercut_areas(
+    angle_deg: Float[Array, " triangle"],
+    areas: Float[Array, " triangle"],
+    shell_of: Int[Array, " triangle"],
+    count: int,
+) -> Float[Array, " shell"]:
+    """Undercut area of each shell [mm^2]: faces that hinder it by more than `TOLERANCE_DEG`."""
+    hindering = np.where(angle_deg > TOLERANCE_DEG, areas, 0.0)
+    return np.bincount(shell_of, weights=hindering, minlength=count)
+
+
+def relief(
+    vertices: Float[Array, "vertex 3"],
+    triangles: Int[Array, "triangle 3"],
+    hindering: Bool[Array, " triangle"],
+    depth: Float[Array, " vertex"],
+    pull: Float[Array, "3"],
+) -> Manifold:
+    """What a shell must lack so that the faces that hinder it let it go.
+
+    Hindering faces look against the pull. Whatever of the shell lies below them, down to the parting, would
+    run into them: the faces swept against the pull. The sweep has the very triangles of the surface.
+
+    Args:
+        vertices: The surface that the shell lies on [mm].
+        triangles: Its triangles, outward.
+        hindering: Which of them hinder the shell.
+        depth: How far each vertex lies above the parting, along the pull [mm].
+        pull: Unit direction in which the shell comes off.
+
+    Returns:
+        The sweep; an empty body where nothing hinders.
+    """
+    if not hindering.any():
+        return Manifold()
+    used, faces = np.unique(triangles[hindering], return_inverse=True)
+    faces = faces.reshape(-1, 3)
+    top = vertices[used]
+    bottom = top - (np.maximum(depth[used], 0.0) + EMBED_MM)[:, None] * pull
+    forth = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    count = len(used)
+    border = forth[~np.isin(forth[:, 0] * count + forth[:, 1], forth[:, 1] * count + forth[:, 0])]
+    a, b = border.T
+    walls = np.concatenate(
+        [np.stack([a, b, b + count], axis=1), np.stack([a, b + count, a + count], axis=1)]
+    )
+    shell = np.concatenate([faces[:, ::-1], faces + count, walls])
+    return body_of(np.concatenate([top, bottom]), shell, "relief of a shell")

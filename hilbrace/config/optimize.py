@@ -113,6 +113,15 @@ class OptimizeSettings(Section):
     prevent: tuple[str, ...] | None = Field(
         default=None, description="angles to bring to zero, as above; the frontal one if left out"
     )
+    support_until_deg: float = Field(
+        default=75.0,
+        ge=0,
+        description="flexion up to which the brace shall hold the angles to bring to zero as firmly as a "
+        "uniform brace of the same volume [deg]",
+    )
+    support_beyond: float = Field(
+        default=0.7, ge=0, le=1, description="share of that firmness that is enough past this flexion [-]"
+    )
     geometry: str = Field(
         default="rest",
         pattern="^(rest|frame|clusters:[1-9][0-9]{0,3})$",

@@ -7,9 +7,16 @@ paper's coupling, for L1. Three of them need a word:
   cent: ``L1 / L1_start`` would be one for every design. Both of its sums are therefore compared with what the
   *uniform brace of the same volume* does to the same motion, in logarithms, so that one per cent counts alike
   whatever the size. Freedom (the change of the preserved angles) is what is asked for; support (what is
-  taken off the prevented angles) counts a little; and the stiffness about a prevented angle shall in no
-  posture fall below the uniform brace's, by a quadratic penalty. Together they strive for the largest ratio
-  of support to hindrance at equal volume and no less support, the figure of merit of a design.
+  taken off the prevented angles) counts a little; and the stiffness about a prevented angle shall not fall
+  below the uniform brace's, by a quadratic penalty. Together they strive for the largest ratio of support to
+  hindrance at equal volume and no less support, the figure of merit of a design.
+
+  Past ``optimize.support_until_deg`` of flexion a share of the uniform brace's support is enough
+  (``optimize.support_beyond``). A sleeve that is bent to a right angle is a crumpled tube: to be as firm as
+  the uniform one there, it must be as firm all around, in front and behind the knee too, which is just what
+  hinders flexion. In the drop jump, which goes to 110 deg, that last posture alone held the straight leg's
+  ratio at 4 where it is 8 otherwise. Ligaments are hurt at small flexion, at and soon after landing (Koga et
+  al. 2010, Am. J. Sports Med. 38:2218).
 * L1 with the paper's coupling stays the paper's: statics fixes what both loops hold together, a design merely
   shifts it from one to the other.
 * L4 and L5 are zero for a uniform field of the right volume. Their start value is not taken below that of
@@ -56,7 +63,8 @@ class Reference:
         start: L1..L5 of the first field, L4 and L5 not below their floors.
         preserved: L1's preserved sum with the uniform brace of the target volume on [rad^2].
         relieved: What that brace takes off the prevented sum [rad^2].
-        support: Its stiffness about the prevented angles in each posture [N*m/rad].
+        support: Stiffness about the prevented angles that is enough in each posture [N*m/rad]: that brace's,
+            or a share of it past the flexion up to which a brace shall support.
     """
 
     start: Float[Array, " loss"]
@@ -81,10 +89,17 @@ def reference(problem: Problem, first: Evaluation, solvers: SolverPool | None = 
         stability = joint_stability(
             problem.motion.angles, mechanics.prediction.change, problem.preserve, problem.prevent
         )
-        support = support_of(problem, mechanics.response)
+        support = support_of(problem, mechanics.response).numpy() * _share_wanted(problem)[:, None]
     return Reference(
-        np.maximum(start, floors), float(stability.preserved), float(stability.relieved), support.numpy()
+        np.maximum(start, floors), float(stability.preserved), float(stability.relieved), support
     )
+
+
+def _share_wanted(problem: Problem) -> Float[Array, " posture"]:
+    """Share of the uniform brace's support that is wanted in each posture [-]."""
+    settings = problem.settings
+    flexion = np.abs(np.rad2deg([posture.flexion for posture in problem.postures]))
+    return np.where(flexion <= settings.support_until_deg, 1.0, settings.support_beyond)
 
 
 def normalised(evaluation: Evaluation, measure: Reference, coupling: str) -> Float[Tensor, "5"]:
@@ -108,7 +123,8 @@ def relative_stability(
     """L1 against the uniform brace: one for a brace like it, falling as the preserved angles are freed.
 
     ``1 + 1/2 log(P / P_u) - SUPPORT_SHARE log(R / R_u) + FLOOR_WEIGHT sum max(0, log(k_u / k))^2`` with the
-    preserved sum P, the relief R, and the stiffness k about each prevented angle in each posture.
+    preserved sum P, the relief R, and the stiffness k about each prevented angle in each posture, of which
+    k_u is enough.
 
     Args:
         stability: L1's sums.

@@ -91,3 +91,21 @@ def test_postures_are_taken_to_both_sides_of_the_rest_shape_and_at_even_steps():
     assert flexions[problem.rest_posture] == 0.0
     assert flexions[0] < -20.0
     assert flexions[-1] > 30.0
+
+
+def test_past_the_flexion_of_support_a_share_of_the_uniform_braces_is_enough():
+    loads = knee_loads()
+    domain = knee_domain(loads, around=16, along=10)
+    found = {}
+    for until in (90.0, 45.0):
+        settings = OptimizeSettings(support_until_deg=until, support_beyond=0.6)
+        problem = build_problem(
+            loads, domain, settings, MaterialSettings(), PatternSettings(scale=0.08, rim_mm=10.0)
+        )
+        state = first_state(problem, "")
+        field = torch.from_numpy(state.theta), torch.from_numpy(state.bias)
+        found[until] = reference(problem, evaluate(problem, firmness(problem, state.firm), *field)).support
+    flexions = np.rad2deg([posture.flexion for posture in problem.postures])
+    assert flexions[-1] > 45.0 > flexions[0]
+    wanted = np.where(flexions > 45.0, 0.6, 1.0)[:, None]
+    np.testing.assert_allclose(found[45.0] / found[90.0], np.broadcast_to(wanted, found[45.0].shape))

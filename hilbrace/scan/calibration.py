@@ -19,9 +19,9 @@ Array = np.ndarray
 MEND = "write the file anew with 'hilbrace scan calibrate'"
 
 HEAD = """# Camera and projector as 'hilbrace scan calibrate' found them. A point x of the camera's frame
-# [mm], z along its view, y down, is rotation x + translation_mm in the projector's. Focal lengths and principal
-# points in pixels, middles of pixels at whole numbers; distortion k1, k2, p1, p2, k3 as OpenCV has them;
-# errors are root mean squares in pixels.
+# [mm], z along its view, y down, is rotation x + translation_mm in the projector's. Focal lengths and
+# principal points in pixels, middles of pixels at whole numbers; distortion k1, k2, p1, p2, k3 as OpenCV has
+# them; errors are root mean squares in pixels.
 """
 
 

@@ -15,6 +15,7 @@ from hilbrace.errors import ConfigError
 ACTIONS = {
     "patterns": ("hilbrace.scan.patterns_command", "pictures for the projector, and a board to print"),
     "calibrate": ("hilbrace.scan.calibrate_command", "camera and projector from pictures of a board"),
+    "decode": ("hilbrace.scan.decode_command", "points and mesh of a limb from pictures of it"),
 }
 """Module of each action, and what it does."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import igl
 import numpy as np
 from jaxtyping import Float
@@ -18,57 +20,96 @@ CELL_MM = 3.0
 COARSE = 4
 """Cells of the fine grid along the edge of a coarse one, which tells where the fine one is needed."""
 
-SMOOTH_MM = 0.02
+SMOOTH_MM = 0.03
 """How far the surface may move when flat neighbourhoods are given larger triangles [mm]."""
 
 
-def thick_body(
-    points: Float[Array, "point 3"], radius_mm: float, cell_mm: float = CELL_MM, tree: KDTree | None = None
-) -> Manifold:
-    """All that lies within a distance of a cloud of points: the level set of their distance.
+@dataclass(frozen=True)
+class Surroundings:
+    """The space around a surface, by its distance.
 
-    A level set of a distance has no folds wherever the surface bends, unlike vertices moved along normals.
+    Attributes:
+        points: Dense points of the surface: their spacing must be small beside the distances asked for [mm].
+        normals: Outward unit normals there.
+        tree: Search tree of the points.
+    """
+
+    points: Float[Array, "point 3"]
+    normals: Float[Array, "point 3"]
+    tree: KDTree
+
+    def distance(self, places: Float[Array, "place 3"]) -> Float[Array, " place"]:
+        """Distance of places to the surface, negative on its inner side [mm]."""
+        distance, nearest = self.tree.query(places)
+        side = ((places - self.points[nearest]) * self.normals[nearest]).sum(axis=1)
+        return np.where(side < 0, -distance, distance)
+
+
+def surroundings(
+    points: Float[Array, "point 3"], normals: Float[Array, "point 3"], spacing_mm: float = 0.0
+) -> Surroundings:
+    """The space around a surface.
 
     Args:
-        points: Dense points of a surface: their spacing must be small beside the radius [mm].
+        points: Dense points of it [mm].
+        normals: Outward unit normals there.
+        spacing_mm: Of points closer together than about this, one is kept, which saves time [mm].
+    """
+    if spacing_mm > 0:
+        boxes = np.floor((points - points.min(axis=0)) / spacing_mm).astype(np.int64)
+        _, kept = np.unique(boxes @ np.array([1, 1 << 20, 1 << 40]), return_index=True)
+        points, normals = points[kept], normals[kept]
+    return Surroundings(points, normals, KDTree(points))
+
+
+def thick_body(around: Surroundings, radius_mm: float, cell_mm: float = CELL_MM) -> Manifold:
+    """All that lies within a distance of a surface or on its inner side: the level set of its distance.
+
+    A level set of a distance has no folds wherever the surface bends, unlike vertices moved along normals.
+    Beyond the borders of an open surface the body goes on at will.
+
+    Args:
+        around: The space around the surface.
         radius_mm: The distance [mm].
         cell_mm: Spacing of the grid [mm]. The body's surface lies within a few hundredths of a millimetre of
             the true one where that is flat over a cell.
-        tree: Search tree of the points, where one exists.
 
     Raises:
         GeometryError: The level set does not close.
     """
-    tree = tree or KDTree(points)
     pad = radius_mm + 2.0 * cell_mm
-    low = points.min(axis=0) - pad
-    blocks = np.ceil((points.max(axis=0) + pad - low) / (cell_mm * COARSE)).astype(int)
-    distance = _distances(tree, low, blocks, radius_mm, cell_mm)
+    low = around.points.min(axis=0) - pad
+    blocks = np.ceil((around.points.max(axis=0) + pad - low) / (cell_mm * COARSE)).astype(int)
+    distance = _distances(around, low, blocks, radius_mm, cell_mm)
+    for axis in range(3):
+        faces = np.moveaxis(distance, axis, 0)
+        faces[0] = faces[-1] = radius_mm + cell_mm
     shape = np.array(distance.shape)
     grid = np.stack(np.meshgrid(*(np.arange(n) for n in shape[::-1]), indexing="ij"), axis=-1)
     grid = low + cell_mm * grid.reshape(-1, 3)[:, ::-1]
     order = np.ascontiguousarray(distance.transpose(2, 1, 0).reshape(-1))
-    vertices, triangles, _ = igl.marching_cubes(order, np.ascontiguousarray(grid), *map(int, shape), radius_mm)
-    return _outward(vertices, triangles).simplify(SMOOTH_MM)
+    vertices, triangles, _ = igl.marching_cubes(
+        order, np.ascontiguousarray(grid), *map(int, shape), radius_mm
+    )
+    body = body_of(vertices, triangles, "shell")
+    if body.volume() < 0:
+        body = body_of(vertices, triangles[:, ::-1], "shell")
+    return body.simplify(SMOOTH_MM)
 
 
 def _distances(
-    tree: KDTree, low: Array, blocks: Array, radius_mm: float, cell_mm: float
+    around: Surroundings, low: Array, blocks: Array, radius_mm: float, cell_mm: float
 ) -> Float[Array, "x y z"]:
     """Distance at each place of the grid: exact near the level, that of the coarse grid elsewhere [mm]."""
     coarse_mm = cell_mm * COARSE
     corners = np.stack(np.meshgrid(*(np.arange(n + 1) for n in blocks), indexing="ij"), axis=-1)
-    coarse, _ = tree.query(low + coarse_mm * corners.reshape(-1, 3))
-    coarse = coarse.reshape(tuple(blocks + 1))
+    coarse = around.distance(low + coarse_mm * corners.reshape(-1, 3)).reshape(tuple(blocks + 1))
     shape = tuple(blocks * COARSE + 1)
-    nearest = [np.minimum((np.arange(n) + COARSE // 2) // COARSE, b) for n, b in zip(shape, blocks, strict=True)]
+    nearest = [
+        np.minimum((np.arange(n) + COARSE // 2) // COARSE, b) for n, b in zip(shape, blocks, strict=True)
+    ]
     distance = coarse[np.ix_(*nearest)]
     reach = coarse_mm * np.sqrt(3.0) / 2.0 + 2.0 * cell_mm
     near = np.argwhere(np.abs(distance - radius_mm) < reach)
-    distance[tuple(near.T)], _ = tree.query(low + cell_mm * near)
+    distance[tuple(near.T)] = around.distance(low + cell_mm * near)
     return distance
-
-
-def _outward(vertices: Array, triangles: Array) -> Manifold:
-    body = body_of(vertices, triangles, "shell")
-    return body if body.volume() > 0 else body_of(vertices, triangles[:, ::-1], "shell")

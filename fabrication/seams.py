@@ -79,7 +79,9 @@ class Graph:
 
     def points(self) -> Float[Array, "row column 3"]:
         """The grid in space [mm]."""
-        rows, columns = (low + self.cell * np.arange(n) for low, n in zip(self.low, self.height.shape, strict=True))
+        rows, columns = (
+            low + self.cell * np.arange(n) for low, n in zip(self.low, self.height.shape, strict=True)
+        )
         u, v = np.meshgrid(rows, columns, indexing="ij")
         return np.stack([u, v, self.height], axis=-1) @ self.axes
 
@@ -193,6 +195,17 @@ def face_normals(
     return normal / np.maximum(length, 1e-300)[:, None], 0.5 * length
 
 
+def vertex_normals(
+    vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]
+) -> Float[Array, "vertex 3"]:
+    """Unit normals at vertices: those of the triangles around them, by area."""
+    normals, areas = face_normals(vertices, triangles)
+    weights = np.repeat(areas, 3)[:, None] * np.repeat(normals, 3, axis=0)
+    corners = triangles.reshape(-1)
+    summed = np.stack([np.bincount(corners, weights[:, i], len(vertices)) for i in range(3)], axis=1)
+    return summed / np.maximum(np.linalg.norm(summed, axis=1, keepdims=True), 1e-300)
+
+
 def _outline(
     local: Array, triangles: Array, low: Array, cell: float, shape: tuple[int, ...]
 ) -> tuple[Float[Array, "edge 3"], Float[Array, " edge"]]:
@@ -213,7 +226,9 @@ def _bending(shape: tuple[int, ...]) -> csr_matrix:
     """Energy of a thin plate on a grid: squares of second differences."""
     first = [diags_array([np.ones(n - 1), -np.ones(n - 1)], offsets=[1, 0], shape=(n - 1, n)) for n in shape]
     second = [
-        diags_array([np.ones(n - 2), -2 * np.ones(n - 2), np.ones(n - 2)], offsets=[0, 1, 2], shape=(n - 2, n))
+        diags_array(
+            [np.ones(n - 2), -2 * np.ones(n - 2), np.ones(n - 2)], offsets=[0, 1, 2], shape=(n - 2, n)
+        )
         for n in shape
     ]
     eye = [diags_array(np.ones(n)) for n in shape]

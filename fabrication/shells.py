@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 from manifold3d import Manifold, OpType
-from scipy.spatial import KDTree
 
 from fabrication.bodies import body_of
 from fabrication.ends import border_loops
 from fabrication.mold import Casting, Core, Piece
-from fabrication.offsets import thick_body
+from fabrication.offsets import surroundings, thick_body
 from fabrication.parting import Parting
+from fabrication.seams import vertex_normals
 from hilbrace.config.mold import MoldSettings
 from hilbrace.errors import GeometryError
 
@@ -20,8 +20,11 @@ Array = np.ndarray
 FLANGE_THICKNESS_MM = 6.0
 """Thickness of each flange: an M4 bolt's head and nut sink into two of them [mm]."""
 
-EXTRA_WALL_MM = 0.1
-"""What chords of the outer face may cut off, added to the wall [mm]."""
+EXTRA_WALL_MM = 0.2
+"""What chords of the outer face and the spacing of the points may cut off, added to the wall [mm]."""
+
+WALL_SPACING_MM, WIDE_SPACING_MM = 1.2, 2.5
+"""Spacing of the points that stand for the limb under the wall and under the flanges' edge [mm]."""
 
 DUST_MM3 = 1.0
 """Crumbs that rounding leaves beside a shell, all together [mm^3]."""
@@ -87,10 +90,11 @@ def one_part(solid: Manifold, name: str) -> Manifold:
 
 def _sleeve(casting: Casting, parting: Parting, settings: MoldSettings) -> Manifold:
     """Wall and flanges around a tube, still full of limb."""
-    points = casting.outer
-    tree = KDTree(points)
-    wall = thick_body(points, settings.wall_mm + EXTRA_WALL_MM, tree=tree)
-    wide = thick_body(points, settings.wall_mm + settings.flange_mm, tree=tree)
+    points, normals = casting.outer, vertex_normals(casting.outer, casting.triangles)
+    near = surroundings(points, normals, WALL_SPACING_MM)
+    wall = thick_body(near, settings.wall_mm + EXTRA_WALL_MM)
+    far = surroundings(points, normals, WIDE_SPACING_MM)
+    wide = thick_body(far, settings.wall_mm + settings.flange_mm)
     slabs = [seam.slab(FLANGE_THICKNESS_MM) for seam in parting.seams]
     flanges = wide ^ Manifold.batch_boolean(slabs, OpType.Add)
     body = wall + flanges
@@ -102,13 +106,11 @@ def _sleeve(casting: Casting, parting: Parting, settings: MoldSettings) -> Manif
 def _lid(casting: Casting, settings: MoldSettings) -> Manifold:
     """A plate on a flat casting: its surface, moved along the pull."""
     normal = casting.direction.mean(axis=0)
-    lift = (settings.wall_mm) * normal / np.linalg.norm(normal)
+    lift = settings.wall_mm * normal / np.linalg.norm(normal)
     return swept(casting.outer, casting.triangles, lift)
 
 
-def swept(
-    vertices: Float[Array, "vertex 3"], triangles: Array, way: Float[Array, "3"]
-) -> Manifold:
+def swept(vertices: Float[Array, "vertex 3"], triangles: Array, way: Float[Array, "3"]) -> Manifold:
     """The body that a surface sweeps on a straight way to its outer side."""
     count = len(vertices)
     walls = []

@@ -43,11 +43,11 @@ class Lens:
         pixels = cv2.projectPoints(flat, np.zeros(3), np.zeros(3), self.matrix, self.distortion)[0]
         return pixels.reshape(*points.shape[:-1], 2)
 
-    def rays(self, shift: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+    def rays(self) -> np.ndarray:
         """Direction of every pixel's ray, z = 1."""
         width, height = self.size
         y, x = np.mgrid[:height, :width].astype(float)
-        pixels = np.stack([x + shift[0], y + shift[1]], axis=-1).reshape(-1, 1, 2)
+        pixels = np.stack([x, y], axis=-1).reshape(-1, 1, 2)
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-10)
         flat = cv2.undistortPoints(pixels, self.matrix, self.distortion, criteria=criteria)
         return np.concatenate([flat.reshape(height, width, 2), np.ones((height, width, 1))], axis=-1)
@@ -201,14 +201,17 @@ def look(scene: Scene, rig: Rig) -> Shot:
     normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-12
     offset = np.einsum("ij,ij->i", normal, corner[:, 0])
 
-    def cut(shift: tuple[float, float]) -> np.ndarray:
-        ray = rig.camera.rays(shift)
+    rays = rig.camera.rays()
+    pitch = 1.0 / rig.camera.matrix[[0, 1], [0, 1]]
+
+    def cut(x: float, y: float) -> np.ndarray:
+        ray = rays + np.array([x * pitch[0], y * pitch[1], 0.0])
         depth = offset[seen] / np.einsum("ijk,ijk->ij", normal[seen], ray)
         return np.where(hit[..., None], depth[..., None] * ray, np.nan)
 
     thirds = (-1 / 3, 0.0, 1 / 3)
-    albedo = np.mean([scene.albedo(cut((x, y)), seen) for x in thirds for y in thirds], axis=0)
-    points = cut((0.0, 0.0))
+    albedo = np.mean([scene.albedo(cut(x, y), seen) for x in thirds for y in thirds], axis=0)
+    points = cut(0.0, 0.0)
     beam = points @ rig.rotation.T + rig.translation
     pixel = np.full((*hit.shape, 2), -10.0)
     pixel[hit] = rig.projector.project(beam[hit])

@@ -210,7 +210,7 @@ def _text(figures: dict[str, Any], out: Path) -> str:
         )
         if view["contrast_grey_levels"] < DARK:
             lines.append(
-                f"  note: white is only {view['contrast_grey_levels']:.0f} grey levels above black; expose longer"
+                f"  note: white is {view['contrast_grey_levels']:.0f} grey levels above black; expose longer"
                 " or darken the room to lower the error"
             )
     mesh = figures["mesh"]

@@ -85,6 +85,7 @@ class Problem:
         rim: Triangles that stay solid.
         cells: Curves of the two microstructures.
         solid_modulus: Young's modulus of the rubber [MPa].
+        poisson: Its Poisson's ratio [-].
         scale: Period of the cells in the flat map, closed around the limb.
         limits: Narrowest strut and narrowest slit [mm].
         blend_mm: Width of the transition from firm to soft [mm].
@@ -107,6 +108,7 @@ class Problem:
     rim: Bool[Tensor, " triangle"]
     cells: Microstructures
     solid_modulus: float
+    poisson: float
     scale: float
     limits: tuple[float, float]
     blend_mm: float
@@ -167,6 +169,7 @@ def build_problem(
         rim=torch.from_numpy(band.triangles),
         cells=load_microstructures(soft=material.soft, firm=material.firm),
         solid_modulus=material.youngs_modulus_mpa,
+        poisson=material.poisson,
         scale=cell_scale(pattern, domain),
         limits=(pattern.min_strut_mm, pattern.min_slit_mm),
         blend_mm=pattern.blend_mm,

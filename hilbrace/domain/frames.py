@@ -20,8 +20,8 @@ _DISTAL = {"knee": "tibia", "ankle": "talus"}
 _SKIN_BELOW = {"knee": "tibia", "ankle": "calcn"}
 """Bone of the skeleton below each joint, and bone that carries the skin there."""
 
-MAX_FRAMES = 60
-"""Most frames that a design looks at."""
+MAX_FRAMES = 300
+"""Most frames that a design looks at; more of them are thinned out evenly."""
 
 
 def choose_frames(

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from hilbrace.optimize.problem import Problem
-from hilbrace.shell import FamilyResponse, SolverPool, family_response, family_stiffness
+from hilbrace.shell import FamilyResponse, ShellFamily, SolverPool, family_response, family_stiffness
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class BraceResponse:
 def brace_response(
     problem: Problem, modulus: Float[Tensor, " triangle"], solvers: SolverPool | None = None
 ) -> BraceResponse:
-    """Solve every shape of the brace once.
+    """Solve every shape of the brace once, side by side; on the shape of a posture no load need act.
 
     Args:
         problem: The design task.
@@ -38,12 +38,11 @@ def brace_response(
     Raises:
         SolverError: The modulus is not positive and finite, or the stiffness is singular.
     """
-    frames = family_response(modulus, problem.shapes, problem.load, solvers=solvers)
-    known = {id(shell): k for shell, k in zip(problem.shapes.shells, frames.loop_stiffness, strict=True)}
-    others = [posture.shell for posture in problem.postures if id(posture.shell) not in known]
-    if others:
-        solved = family_stiffness(modulus, others, solvers=solvers)
-        known |= {id(shell): k for shell, k in zip(others, solved, strict=True)}
+    loaded = {id(shell) for shell in problem.shapes.shells}
+    others = [posture.shell for posture in problem.postures if id(posture.shell) not in loaded]
+    every = ShellFamily((*problem.shapes.shells, *others), problem.shapes.shape_of_frame)
+    frames = family_response(modulus, every, problem.load, solvers=solvers)
+    known = {id(shell): k for shell, k in zip(every.shells, frames.loop_stiffness, strict=True)}
     return BraceResponse(frames, torch.stack([known[id(posture.shell)] for posture in problem.postures]))
 
 

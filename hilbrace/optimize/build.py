@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import io
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +15,17 @@ from hilbrace.config import MaterialSettings, OptimizeSettings, PatternSettings
 from hilbrace.domain.domain import Domain
 from hilbrace.optimize.brace_response import posture_stiffness
 from hilbrace.optimize.coupling import brace_spring
-from hilbrace.optimize.design import LOSSES, Design
+from hilbrace.optimize.design import Design
 from hilbrace.optimize.evaluate import design_variable, fraction_of
-from hilbrace.optimize.loop import measure_of, run_loop
+from hilbrace.optimize.history import Watch
+from hilbrace.optimize.loop import run_loop
 from hilbrace.optimize.predictions import predict
 from hilbrace.optimize.problem import Problem, build_problem
 from hilbrace.optimize.pulls import pulls
+from hilbrace.optimize.state import measure_of
 from hilbrace.optimize.uniform import uniform_design
+from hilbrace.run.processors import processors
 from hilbrace.run.progress import Report, silent
-from hilbrace.run.records import write_atomic
 from hilbrace.shell import open_pool
 from hilbrace.units import DEG
 
@@ -40,6 +41,7 @@ def optimize_design(
     checkpoint: Path,
     key: str = "",
     progress: Report = silent,
+    watches: Sequence[Watch] = (),
 ) -> tuple[Design, float]:
     """Optimize the distribution of the microstructures.
 
@@ -52,19 +54,21 @@ def optimize_design(
         checkpoint: File that an interrupted run goes on from.
         key: What the checkpoint must belong to.
         progress: Called with (iterations done, iterations in all).
+        watches: Called with a snapshot of the loop after every iteration.
 
     Returns:
         The design, and the median time of an iteration [s].
 
     Raises:
-        SolverError: A loss is not finite.
+        SolverError: A loss is not finite, or no field has the wanted volume.
     """
     problem = build_problem(loads, domain, settings, material, pattern)
-    with open_pool(problem.shapes.shells[0].numbering.sparsity, settings.solver) as solvers:
-        state, firm, last, seconds = run_loop(problem, checkpoint, key, progress, solvers)
+    sparsity = problem.shapes.shells[0].numbering.sparsity
+    with open_pool(sparsity, settings.solver, processors()) as solvers:
+        done = run_loop(problem, checkpoint, key, progress, solvers, watches)
+        problem, state, firm, last = done.problem, done.state, done.firm, done.evaluation
         with torch.no_grad():
-            theta, bias = torch.from_numpy(state.theta), torch.from_numpy(np.array(state.bias))
-            d_vertex = design_variable(problem, problem.vertices, firm.vertices, theta, bias)
+            d_vertex = design_variable(problem, problem.vertices, firm.vertices, *state.tensors())
         uniform = uniform_design(problem, fraction_of(problem, last.material))
         plain = posture_stiffness(problem, uniform.modulus, solvers)
         wanted = pulls(problem, firm, last.material.d.numpy(), d_vertex.numpy(), measure_of(state), solvers)
@@ -91,6 +95,9 @@ def optimize_design(
         energy_density=problem.unit_energy.numpy(),
         pulls=wanted,
         history=state.history,
+        trace=state.trace,
+        film=state.film,
+        film_iterations=state.film_iterations,
         losses_initial=state.losses_initial,
         losses_final=last.terms.numpy(),
         stiffness=stiffness[problem.rest_posture],
@@ -108,17 +115,7 @@ def optimize_design(
         reaction_lower=reactions[:, 6:9],
         volume_fraction=fraction_of(problem, last.material),
         volume_fraction_uniform=fraction_of(problem, uniform),
-    ), seconds
-
-
-def write_history_csv(design: Design, path: Path) -> None:
-    """Write the normalised losses, one row per iteration."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(["iteration", *(f"L{index + 1}_{name}" for index, name in enumerate(LOSSES)), "total"])
-    for iteration, row in enumerate(design.history):
-        table.writerow([iteration, *(f"{value:.10g}" for value in row)])
-    write_atomic(path, text.getvalue().encode())
+    ), done.seconds
 
 
 def _per_degree(problem: Problem, loops: Float[Tensor, "posture 12 12"]) -> Float[Array, "posture 3"]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int, UInt8
 
 Array = np.ndarray
 
@@ -39,6 +39,9 @@ class Design:
         energy_density: Worst elastic energy density over the motion for unit modulus, per triangle [-].
         pulls: How much each weighted loss wants a triangle firmer, see `hilbrace.optimize.pulls` [-].
         history: Loss terms per iteration, normalised, columns as `LOSSES`, last column the total.
+        trace: What else is told of every iteration, columns as `hilbrace.optimize.history.TRACE`.
+        film: Design variable at the cut vertices in the snapshots of the loop, 0 to 255.
+        film_iterations: Iterations done before each snapshot.
         losses_initial: Unnormalised L1..L5 of the first iteration.
         losses_final: Unnormalised L1..L5 of the last.
         stiffness: Brace stiffness about (flexion, adduction, rotation) [N*m/deg].
@@ -77,6 +80,9 @@ class Design:
     energy_density: Float[Array, " triangle"]
     pulls: Float[Array, "loss triangle"]
     history: Float[Array, "iteration term"]
+    trace: Float[Array, "iteration column"]
+    film: UInt8[Array, "snapshot cut_vertex"]
+    film_iterations: Int[Array, " snapshot"]
     losses_initial: Float[Array, " loss"]
     losses_final: Float[Array, " loss"]
     stiffness: Float[Array, "3"]

@@ -25,8 +25,9 @@ from hilbrace.motion.marker_maps import read_marker_map
 from hilbrace.motion.synthetic import generate, write_recording
 from hilbrace.motion.trial import Trial
 from hilbrace.motion.trial_reader import read_trial
-from hilbrace.optimize.build import optimize_design, write_history_csv
+from hilbrace.optimize.build import optimize_design
 from hilbrace.optimize.design import LOSSES, Design
+from hilbrace.optimize.history import write_history_csv, write_history_picture
 from hilbrace.optimize.predictions import prediction_figures
 from hilbrace.pattern.build import build_pattern, build_solid
 from hilbrace.pattern.export import write_surface
@@ -146,9 +147,11 @@ def optimize(inputs: Inputs) -> Outcome:
     )
     table = inputs.folder / "history.csv"
     write_history_csv(design, table)
+    course = inputs.folder / "history.png"
+    write_history_picture(design, course)
     figures = _design_figures(design, seconds)
     figures["brace"] |= prediction_figures(design, inputs.records["biomech"], inputs.records["domain"])
-    return Outcome(design, (table,), figures)
+    return Outcome(design, (table, course), figures)
 
 
 def pattern(inputs: Inputs) -> Outcome:

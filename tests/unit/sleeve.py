@@ -14,6 +14,7 @@ from hilbrace.material.blending import blend_map
 from hilbrace.material.curves import load_microstructures
 from hilbrace.material.strut_width import cell_scale, map_length, minimum_width
 from hilbrace.optimize.design import LOSSES, Design
+from hilbrace.optimize.history import TRACE
 
 CELLS = load_microstructures("sinusoidal", "voronoi_open")
 
@@ -120,6 +121,9 @@ def sleeve_design(
         energy_density=np.zeros(len(area)),
         pulls=np.zeros((len(LOSSES), len(area))),
         history=np.zeros((0, len(LOSSES) + 1)),
+        trace=np.zeros((0, len(TRACE))),
+        film=np.zeros((0, len(d_vertex)), dtype=np.uint8),
+        film_iterations=np.zeros(0, dtype=np.int64),
         losses_initial=np.zeros(len(LOSSES)),
         losses_final=np.zeros(len(LOSSES)),
         stiffness=empty,

@@ -14,12 +14,14 @@ from hilbrace.config import MaterialSettings, OptimizeSettings, PatternSettings,
 from hilbrace.domain.domain import Domain
 from hilbrace.errors import ConfigError, SolverError
 from hilbrace.optimize.brace_response import brace_response, posture_stiffness
-from hilbrace.optimize.build import optimize_design, write_history_csv
+from hilbrace.optimize.build import optimize_design
 from hilbrace.optimize.design import COUPLINGS, LOSSES, Design
 from hilbrace.optimize.evaluate import design_variable, evaluate
-from hilbrace.optimize.loop import adam, firmness, first_state, learning_rate
+from hilbrace.optimize.history import TRACE, write_history_csv
+from hilbrace.optimize.loop import adam, firmness, first_state
 from hilbrace.optimize.objective import normalised, reference
 from hilbrace.optimize.problem import Problem, build_problem, width_limits
+from hilbrace.optimize.schedules import learning_rate
 from hilbrace.optimize.uniform import uniform_design
 from hilbrace.run.records import pack
 from hilbrace.shell.solver import available_backends
@@ -121,17 +123,29 @@ def test_the_field_stays_in_the_range_that_can_be_cast(problem: Problem):
         assert bool((d >= low - 1e-12).all() and (d <= high + 1e-12).all())
 
 
-@pytest.mark.parametrize("stop", [1, 4, 7])
-def test_an_interrupted_loop_ends_in_the_same_bytes(domain: Domain, tmp_path: Path, stop: int):
-    whole = _optimize(domain, tmp_path / "whole.npz")
+EVERY_KIND = {
+    "default": {},
+    "exact": {"volume": "exact", "sharpness_end": 3.0},
+    "network": {"field": "network", "gradient_noise": 0.2, "p_norm_start": 4.0},
+    "refreshed": {"segmentation_every": 5, "field": "network", "volume": "exact"},
+}
+"""Settings of every part of the loop that carries a state."""
+
+
+@pytest.mark.parametrize(
+    ("kind", "stop"), [("default", 1), ("default", 7), ("exact", 4), ("network", 5), ("refreshed", 8)]
+)
+def test_an_interrupted_loop_ends_in_the_same_bytes(domain: Domain, tmp_path: Path, kind: str, stop: int):
+    whole = _optimize(domain, tmp_path / "whole.npz", **EVERY_KIND[kind])
 
     def interrupt(done: int, _: int) -> None:
         if done == stop:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        _optimize(domain, tmp_path / "checkpoint.npz", progress=interrupt)
-    assert pack(_optimize(domain, tmp_path / "checkpoint.npz")) == pack(whole)
+        _optimize(domain, tmp_path / "checkpoint.npz", progress=interrupt, **EVERY_KIND[kind])
+    assert pack(_optimize(domain, tmp_path / "checkpoint.npz", **EVERY_KIND[kind])) == pack(whole)
+    assert kind == "refreshed" or whole.history[-1, -1] < whole.history[0, -1]
 
 
 def test_a_checkpoint_of_another_task_or_a_broken_one_is_not_used(domain: Domain, tmp_path: Path):
@@ -187,6 +201,7 @@ def test_the_history_is_a_table_that_opens_anywhere(design: Design, tmp_path: Pa
         "iteration",
         *(f"L{i + 1}_{name}" for i, name in enumerate(LOSSES)),
         "total",
+        *TRACE,
     ]
     assert len(rows) == len(design.history) + 1
 
@@ -213,7 +228,7 @@ def test_adam_is_torchs_adam():
 
 
 def test_the_step_falls_from_the_full_one_to_a_tenth():
-    rates = [learning_rate(0.3, iteration, 50) for iteration in range(50)]
+    rates = [learning_rate(_settings(iterations=50), iteration) for iteration in range(50)]
     assert rates[0] == pytest.approx(0.3)
     assert rates[-1] == pytest.approx(0.03)
     assert all(a >= b for a, b in pairwise(rates))

@@ -298,7 +298,8 @@ def _traced(
     ratio = (frontal / sagittal) / (state.plain[1] / state.plain[0])
     areas = problem.areas.numpy()
     firm = float((state.firm * areas).sum() / areas.sum())
-    fraction = fraction_of(problem, evaluation.material)
+    with torch.no_grad():
+        fraction = fraction_of(problem, evaluation.material)
     schedule = (rate, problem.settings.p_norm, problem.sharpness)
     return np.array([fraction, frontal, sagittal, ratio, firm, float(state.bias), gradient, *schedule])
 

@@ -37,8 +37,12 @@ class Casting:
         covered: Triangles under the brace, whose border is exactly the brace's outline; ``None`` of a
             foreign brace, whose grooves are cut by a boolean instead.
         beyond: Which triangles lie beyond the brace's edges: -1 below the lower one (the foot that the core
-            stands on), 1 above the upper one (the gutter), 0 between them. Both parts are ruled: the edge
-            of the outer face moved straight along an axis, so that a shell slides off them sideways.
+            stands on), 1 above the upper one (the gutter), 2 beside the gutter of a flat casting, 0 between
+            the edges. These parts are ruled: the edge of the outer face moved straight along an axis, so
+            that a shell slides off them sideways.
+        down: Unit direction in which the part below the lower edge runs: opposite to ``up``, but forwards of
+            an ankle's.
+        up: Unit direction in which the part above the upper edge runs; up while casting.
         centreline: Points along the limb's axis from the lower to the upper edge, bends included.
         shrinkage: Linear enlargement that the brace got, 0.001 for 0.1 % [-].
         flat: The surface is a sheet with one border (a coupon on its ground), not a tube.
@@ -56,6 +60,8 @@ class Casting:
     triangles: Int[Array, "triangle 3"]
     covered: Bool[Array, " triangle"] | None
     beyond: Int[Array, " triangle"]
+    down: Float[Array, "3"]
+    up: Float[Array, "3"]
     centreline: Float[Array, "point 3"]
     shrinkage: float
     flat: bool = False
@@ -78,6 +84,7 @@ class Core:
         lower: Points of the outer face along the brace's lower rim.
         upper: Points of the outer face along the brace's upper rim.
         axis: Unit direction in which the core stands, from foot to gutter.
+        foot: Middle of the flat end below the lower rim, across ``Casting.down``.
     """
 
     solid: Manifold
@@ -86,6 +93,7 @@ class Core:
     lower: Float[Array, "low 3"]
     upper: Float[Array, "up 3"]
     axis: Float[Array, "3"]
+    foot: Float[Array, "3"]
 
 
 @dataclass(frozen=True)

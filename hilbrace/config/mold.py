@@ -44,6 +44,13 @@ class MoldSettings(Section):
     gutter_mm: float = Field(
         default=10.0, ge=4, le=30, description="height of the open gutter along the upper rim [mm]"
     )
+    foot_mm: float = Field(
+        default=16.0, ge=8, le=60, description="how far the core goes on below the brace's lower edge [mm]"
+    )
     resolution_mm: float = Field(
-        default=0.8, gt=0.1, lt=5, description="mean edge of the limb's surface in the mold [mm]"
+        default=0.8,
+        gt=0.1,
+        lt=5,
+        description="mean edge of the limb's surface under a brace given as a file; that of a run is its "
+        "pattern's [mm]",
     )

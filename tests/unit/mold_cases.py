@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from fabrication.bodies import body_of
 from fabrication.mold import Casting
-from hilbrace.pattern.clip import cut_out, zero_line
+from fabrication.sheet import Rim, Sheet, prolonged, rim_of
+from hilbrace.pattern.clip import cut_out, lands_beside, zero_line
 from hilbrace.pattern.refine import RefinedSkin
 from hilbrace.pattern.thicken import thicken
 
@@ -111,80 +113,61 @@ def _casting(
     line: np.ndarray,
     closed: bool,
 ) -> Casting:
-    """A casting on a grid of points, the second index up; its end rows are prolonged straight down and up."""
-    down = np.arange(FOOT_MM, 0, -4.0)[:, None] * [0.0, -1.0, 0.0]
-    up = np.arange(2.0, GUTTER_MM + 1, 2.0)[:, None] * [0.0, 1.0, 0.0]
-    outer = points + thickness_mm * direction
-    level = outer[:, -1, 1].max() - outer[:, -1, 1], outer[:, 0, 1] - outer[:, 0, 1].min()
-    flatten = [np.stack([0 * one, one, 0 * one], axis=-1) for one in level]
-    above = points[:, -1:] + up + flatten[0][:, None] * (np.arange(1, 6) / 5)[None, :, None]
-    below = points[:, :1] + down - flatten[1][:, None] * (np.arange(4, 0, -1) / 4)[None, :, None]
-    grid = np.concatenate([below, points, above], axis=1)
-    way = np.concatenate(
-        [np.repeat(direction[:, :1], 4, axis=1), direction, np.repeat(direction[:, -1:], 5, axis=1)], axis=1
-    )
-    columns, rows = grid.shape[:2]
-    depth = np.pad(depth, ((0, 0), (4, 5)), mode="edge")
-    band = np.clip(np.arange(rows - 1) - 3, 0, points.shape[1])
-    beyond = np.where(band == 0, -1, np.where(band == points.shape[1], 1, 0))
+    """A casting on a grid of points, the second index up."""
+    columns, rows = points.shape[:2]
     i, j = np.meshgrid(np.arange(columns if closed else columns - 1), np.arange(rows - 1), indexing="ij")
     right = (i + 1) % columns
     a, b, c, d = i * rows + j, right * rows + j, right * rows + j + 1, i * rows + j + 1
     triangles = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=2).reshape(-1, 3)
-    beyond = np.repeat(np.broadcast_to(beyond, i.shape).ravel(), 2)
-    vertices, way, depth = grid.reshape(-1, 3), way.reshape(-1, 3), depth.ravel()
-    inside = beyond == 0
-    brace = _cut(vertices, way, triangles[inside], depth)
-    land = _cut(vertices, way, triangles[inside], -depth)
-    rest = (vertices, way, triangles[~inside])
-    vertices, way, triangles = _merged(brace, land, rest)
-    count = np.cumsum([len(brace[2]), len(land[2]), len(rest[2])])
-    covered = np.arange(count[-1]) < count[0]
-    way /= np.linalg.norm(way, axis=1, keepdims=True)
-    thickness = np.full(len(vertices), thickness_mm)
+    none, pairs = np.zeros(0, dtype=np.intp), np.zeros((0, 2), dtype=np.intp)
+    vertices, way = points.reshape(-1, 3), direction.reshape(-1, 3)
+    skin = RefinedSkin(vertices, way, triangles, pairs, none, np.zeros((0, 3)), pairs, none, 1.0)
+    cut = zero_line(skin, depth.ravel())
+    brace, lands = cut_out(skin, cut), lands_beside(skin, cut)
+    vertices = np.concatenate([brace.vertices, lands.vertices])
+    triangles = np.concatenate([brace.triangles, lands.triangles])
+    grid = KDTree(points.reshape(-1, 3))
+    near = grid.query(vertices, k=2)
+    weight = near[0][:, ::-1] / near[0].sum(axis=1, keepdims=True)
+    vector = thickness_mm * (weight[..., None] * way[near[1]]).sum(axis=1)
+    covered = np.arange(len(triangles)) < len(brace.triangles)
+    sheet = Sheet(vertices, vector, triangles, covered, np.zeros(len(triangles), dtype=np.int64))
+    rim = rim_of(triangles)
+    for end in (-1, 1):
+        sheet = _prolonged(sheet, rim, end, closed)
+    thickness = np.linalg.norm(sheet.vector, axis=1)
+    direction = sheet.vector / thickness[:, None]
+    body = thicken(sheet.vertices, direction, sheet.triangles[sheet.covered], thickness)
     return Casting(
         name=name,
         joint="",
         side="",
-        brace=body_of(*thicken(vertices, way, triangles[covered], thickness_mm), name),
+        brace=body_of(*body, name),
         thickness_mm=thickness_mm,
-        vertices=vertices,
-        direction=way,
+        vertices=sheet.vertices,
+        direction=direction,
         thickness=thickness,
-        triangles=triangles,
-        covered=covered,
-        beyond=np.concatenate([np.zeros(count[1], dtype=np.int64), beyond[~inside]]),
+        triangles=sheet.triangles,
+        covered=sheet.covered,
+        beyond=sheet.beyond,
+        down=np.array([0.0, -1.0, 0.0]),
+        up=np.array([0.0, 1.0, 0.0]),
         centreline=line,
         shrinkage=0.0,
         flat=not closed,
     )
 
 
-def _cut(
-    vertices: np.ndarray, way: np.ndarray, triangles: np.ndarray, depth: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    none, pairs = np.zeros(0, dtype=np.intp), np.zeros((0, 2), dtype=np.intp)
-    skin = RefinedSkin(
-        vertices,
-        way,
-        triangles,
-        pairs,
-        none,
-        np.zeros((0, 3)),
-        pairs,
-        none,
-        1.0,
-    )
-    out = cut_out(skin, zero_line(skin, depth))
-    return out.vertices, out.normals, out.triangles
-
-
-def _merged(*parts: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Several surfaces in one, equal points welded."""
-    start = np.cumsum([0, *(len(part[0]) for part in parts)])
-    points = np.concatenate([part[0] for part in parts])
-    triangles = np.concatenate([part[2] + first for part, first in zip(parts, start, strict=False)])
-    used, triangles = np.unique(triangles, return_inverse=True)
-    points, way = points[used], np.concatenate([part[1] for part in parts])[used]
-    _, first, number = np.unique(np.round(points, 7) + 0.0, axis=0, return_index=True, return_inverse=True)
-    return points[first], way[first], number.ravel()[triangles].reshape(-1, 3)
+def _prolonged(sheet: Sheet, rim: Rim, end: int, closed: bool) -> Sheet:
+    """The sheet with its foot (-1) or gutter (1); a flat one keeps lands beside the gutter."""
+    level = end * sheet.vertices[rim.vertices, 1]
+    edge = rim.vertices[level > level.max() - 1e-9]
+    start = edge[np.argmax(end * sheet.vertices[edge, 0])]
+    line = rim.walk(int(start), int(start) if closed else int(edge[np.argmin(end * sheet.vertices[edge, 0])]))
+    beyond: int | np.ndarray = end
+    if not closed and end == 1:
+        middle = (sheet.vertices[line[1:]] + sheet.vertices[line[:-1]]) / 2
+        brace = sheet.vertices[np.unique(sheet.triangles[sheet.covered]), 0]
+        beyond = np.where(np.abs(middle[:, 0]) < brace.max(), 1, 2)
+    length = FOOT_MM if end == -1 else GUTTER_MM
+    return prolonged(sheet, line, np.array([0.0, float(end), 0.0]), length, beyond)

@@ -1,0 +1,212 @@
+"""What shall be cast, from a run folder: the brace, and the limb's surface under it and beyond its edges."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+
+from fabrication.bodies import body_of
+from fabrication.limb import Limb, centreline, with_windows_filled
+from fabrication.mold import Casting
+from fabrication.sheet import Rim, Sheet, loop_normal, prolonged, rim_of
+from hilbrace.config import MoldSettings, read_config
+from hilbrace.domain.domain import Domain
+from hilbrace.errors import GeometryError, InputError
+from hilbrace.pattern.fields import places_on
+from hilbrace.pattern.offset import Offset, safe_offset
+from hilbrace.pattern.pattern import Pattern, Solid
+from hilbrace.run.records import load
+
+Array = np.ndarray
+
+STANDING = 0.7
+"""Cosine of the angle between the axes of both ends up to which the core stands straight on its foot; else,
+as with an ankle, upright is along the upper end [-]."""
+_TOUCH_MM = 1e-6
+_SIDES = {"l": "left", "r": "right"}
+
+
+def casting_of_run(folder: Path, settings: MoldSettings) -> Casting:
+    """The brace of a run, ready for its mold.
+
+    Args:
+        folder: The run's folder, at least up to the stage ``solid``.
+        settings: Shrinkage, foot and gutter.
+
+    Raises:
+        InputError: A record is missing, damaged, or of a version that molds cannot be made from.
+        GeometryError: The brace is no single closed body, or the limb cannot be prolonged.
+    """
+    domain = load(Domain, folder / "domain" / "domain.npz")
+    pattern = load(Pattern, folder / "pattern" / "pattern.npz")
+    solid = load(Solid, folder / "solid" / "solid.npz")
+    _check(folder, pattern, solid)
+    motion = read_config(folder / "run.toml").motion
+    recording = motion.synthetic or (motion.markers.stem if motion.markers else "brace")
+    return casting_of(recording, domain, pattern, solid, settings)
+
+
+def casting_of(
+    recording: str, domain: Domain, pattern: Pattern, solid: Solid, settings: MoldSettings
+) -> Casting:
+    """The same from the records themselves.
+
+    Args:
+        recording: What the brace was designed for, for labels.
+        domain: The design domain.
+        pattern: Struts and lands on it.
+        solid: The brace.
+        settings: Shrinkage, foot and gutter.
+
+    Raises:
+        GeometryError: The limb cannot be prolonged.
+    """
+    joint, letter = domain.joint.split("_")
+    brace = body_of(solid.vertices, solid.triangles, "solid")
+    centre = centre_of(solid.vertices, solid.triangles)
+    growth = 1.0 / (1.0 - settings.shrinkage_percent / 100.0)
+    offset = safe_offset(domain, solid.thickness_mm)
+    limb = with_windows_filled(
+        Limb(domain.vertices, offset.vector, domain.triangles, np.zeros(len(domain.triangles), dtype=bool)),
+        domain.window_loops,
+    )
+    line = centreline(limb.vertices, limb.triangles, domain.lower_loop, domain.upper_loop)
+    sheet = _skin(domain, pattern, offset, limb)
+    sheet = replace(sheet, vertices=centre + growth * (sheet.vertices - centre), vector=growth * sheet.vector)
+    lower, upper = _edges(sheet, domain, centre + growth * (domain.vertices - centre))
+    # the sheet lies on the left of its rim: seen from beyond, the rim runs clockwise
+    down, up = axes_of(*(-loop_normal(sheet.vertices[edge[:-1]]) for edge in (lower, upper)))
+    sheet = prolonged(sheet, lower, down, settings.foot_mm, -1)
+    sheet = prolonged(sheet, upper, up, settings.gutter_mm, 1)
+    thickness = np.linalg.norm(sheet.vector, axis=1)
+    return Casting(
+        name="-".join([_plain(recording), joint, letter.upper()]),
+        joint=joint,
+        side=_SIDES[letter],
+        brace=brace.translate(tuple(-centre)).scale((growth, growth, growth)).translate(tuple(centre)),
+        thickness_mm=growth * solid.thickness_mm,
+        vertices=sheet.vertices,
+        direction=sheet.vector / thickness[:, None],
+        thickness=thickness,
+        triangles=sheet.triangles,
+        covered=sheet.covered,
+        beyond=sheet.beyond,
+        down=down,
+        up=up,
+        centreline=centre + growth * (line - centre),
+        shrinkage=growth - 1.0,
+    )
+
+
+def axes_of(lower: Float[Array, "3"], upper: Float[Array, "3"]) -> tuple[Array, Array]:
+    """Directions in which the core goes on below and above, from the outward normals of both edges.
+
+    Where the ends face away from each other both are along one line, in which the core stands.
+    """
+    if -lower @ upper < STANDING:
+        return lower, upper
+    axis = (upper - lower) / np.linalg.norm(upper - lower)
+    return -axis, axis
+
+
+def centre_of(vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]) -> Float[Array, "3"]:
+    """Centroid of a closed body [mm]."""
+    a, b, c = np.moveaxis(vertices[triangles], 1, 0)
+    volume = np.einsum("tx,tx->t", a, np.cross(b, c))
+    return ((a + b + c) / 4 * volume[:, None]).sum(axis=0) / volume.sum()
+
+
+def _check(folder: Path, pattern: Pattern, solid: Solid) -> None:
+    if not len(pattern.land_triangles):
+        raise InputError(
+            "the pattern was drawn by a version that kept no skin between its struts",
+            where=str(folder / "pattern" / "pattern.npz"),
+            hint="delete the file and run the stage again",
+        )
+    if not solid.watertight or solid.parts != 1:
+        raise GeometryError(
+            f"the brace is no single closed body: {solid.parts} parts, "
+            f"{'closed' if solid.watertight else 'open'}",
+            where=str(folder / "solid"),
+            hint="change pattern.resolution_mm a little and run the stages pattern and solid again",
+        )
+
+
+def _skin(domain: Domain, pattern: Pattern, offset: Offset, limb: Limb) -> Sheet:
+    """Struts, lands and filled windows; the outer face is linear over each triangle of the domain."""
+    points = np.concatenate([pattern.vertices, pattern.land_vertices])
+    vector = places_on(domain, points).value(domain.triangles, offset.vector)
+    count, lands = len(pattern.triangles), len(pattern.land_triangles)
+    sheet = Sheet(
+        points,
+        vector,
+        np.concatenate([pattern.triangles, pattern.land_triangles]),
+        np.arange(count + lands) < count,
+        np.zeros(count + lands, dtype=np.int64),
+    )
+    caps = limb.triangles[limb.filled]
+    if not len(caps):
+        return sheet
+    rim = rim_of(sheet.triangles)
+    known = len(domain.vertices)
+    loops = np.concatenate(domain.window_loops)
+    number = len(points) - known + np.arange(len(limb.vertices))
+    number[loops] = _on_rim(sheet, rim, domain.vertices[loops])
+    return sheet.joined(limb.vertices[known:], limb.vector[known:], _divided(caps, number, known, rim))
+
+
+def _divided(
+    caps: Int[Array, "cap 3"], number: Int[Array, " vertex"], known: int, rim: Rim
+) -> Int[Array, "triangle 3"]:
+    """Caps whose edges on the rim are divided as finely as the rim is.
+
+    Args:
+        caps: Triangles of a coarse mesh, none with two edges on its border.
+        number: What its vertices are called in the fine one.
+        known: Vertices below this number lie on the border.
+        rim: Border of the fine mesh.
+    """
+    border = (caps < known) & (np.roll(caps, -1, axis=1) < known)
+    pieces = [number[caps[~border.any(axis=1)]]]
+    for row, side in zip(*np.nonzero(border), strict=True):
+        head, tail, tip = (int(number[caps[row, (side + k) % 3]]) for k in range(3))
+        way = rim.walk(tail, head)[::-1]
+        pieces.append(np.stack([way[:-1], way[1:], np.full(len(way) - 1, tip)], axis=1))
+    return np.concatenate(pieces)
+
+
+def _edges(
+    sheet: Sheet, domain: Domain, points: Float[Array, "vertex 3"]
+) -> tuple[Int[Array, " low"], Int[Array, " up"]]:
+    """Vertices along the lower and the upper edge, the first one again at the end.
+
+    Args:
+        sheet: The sheet.
+        domain: The design domain.
+        points: Where the domain's vertices are now.
+    """
+    rim = rim_of(sheet.triangles)
+    first = np.array([domain.lower_loop[0], domain.upper_loop[0]])
+    low, high = (int(start) for start in _on_rim(sheet, rim, points[first]))
+    return rim.walk(low, low), rim.walk(high, high)
+
+
+def _on_rim(sheet: Sheet, rim: Rim, points: Float[Array, "point 3"]) -> Int[Array, " point"]:
+    """Vertices of the rim at given places."""
+    away, near = KDTree(sheet.vertices[rim.vertices]).query(points)
+    if away.max() > _TOUCH_MM:
+        raise GeometryError(
+            f"the struts do not lie on the domain's surface: an edge is {away.max():.3g} mm away",
+            where="pattern",
+            hint="run the stages pattern and solid again",
+        )
+    return rim.vertices[near]
+
+
+def _plain(text: str) -> str:
+    """A short name of letters and digits."""
+    return "".join(letter if letter.isalnum() else "_" for letter in text)[:24] or "brace"

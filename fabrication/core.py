@@ -1,0 +1,156 @@
+"""The grooved core: one height field over the limb's surface, closed at its ends.
+
+Lands lie at the level of the brace's outer face and touch the shells. Grooves lie at the level of the limb
+and are what the brace is cast in. Above the upper rim the surface sinks below the limb: the open gutter.
+Between the levels stand walls along the brace's outline. Only the brace of a foreign file is cut out by a
+boolean.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int
+from manifold3d import Manifold, triangulate
+from scipy.spatial import KDTree
+
+from fabrication.bodies import body_of
+from fabrication.draft import Levels, drafted, wall_edges
+from fabrication.mold import Casting, Core
+from fabrication.sheet import loop_normal, rim_of
+from hilbrace.config import MoldSettings
+from hilbrace.errors import GeometryError
+from hilbrace.pattern.thicken import border_edges, thicken
+
+Array = np.ndarray
+
+GUTTER_DEPTH_MM = 6.0
+"""How far the gutter's floor lies below the limb."""
+BACK_MM = 12.0
+"""Thickness of the core behind the ground of a flat casting."""
+EQUAL_MM = 1e-6
+"""Triangles are merged where the surface moves by no more than this."""
+
+
+def build_core(casting: Casting, settings: MoldSettings) -> Core:
+    """The core of a casting, its body without grooves, and the gutter.
+
+    Args:
+        casting: What shall be cast.
+        settings: Draft of the groove walls.
+
+    Raises:
+        GeometryError: The core is no single closed body.
+    """
+    lower, upper = edge_line(casting, -1), edge_line(casting, 1)
+    floor = casting.vertices - _sunk(casting, upper)[:, None] * casting.direction
+    land = _closed(casting, casting.outer, casting.triangles, "core without grooves").simplify(EQUAL_MM)
+    above = casting.triangles[casting.beyond == 1]
+    reach = np.linalg.norm(casting.outer - floor, axis=1)
+    gutter = body_of(*thicken(floor, casting.direction, above, reach), "gutter").simplify(EQUAL_MM)
+    if casting.covered is None:
+        solid = land - casting.brace - gutter
+    else:
+        solid = _grooved(casting, drafted(casting, settings.draft_deg), floor - casting.vertices)
+    solid = solid.simplify(EQUAL_MM)
+    parts = solid.decompose()
+    if len(parts) != 1:
+        raise GeometryError(
+            f"the core falls into {len(parts)} pieces",
+            where="mold core",
+            hint="the brace must be thinner than the limb under it",
+        )
+    return Core(
+        solid=solid,
+        land=land,
+        gutter=gutter,
+        lower=casting.outer[lower],
+        upper=casting.outer[upper],
+        axis=casting.up,
+        foot=_foot(casting),
+    )
+
+
+def edge_line(casting: Casting, end: int) -> Int[Array, " corner"]:
+    """Vertices along the brace's lower (-1) or upper (1) edge, in order, each once."""
+    own = border_edges(casting.triangles[casting.beyond == end])
+    rest = border_edges(casting.triangles[casting.beyond == 0])
+    count = len(casting.vertices)
+    shared = np.isin(rest[:, 0] * count + rest[:, 1], own[:, 1] * count + own[:, 0])
+    after = dict(rest[shared].tolist())
+    starts = sorted(set(after) - set(after.values()))
+    start = starts[0] if starts else min(after)
+    line = [start]
+    while (following := after.get(line[-1], start)) != start:
+        line.append(following)
+    return np.array(line)
+
+
+def _sunk(casting: Casting, upper: Int[Array, " corner"]) -> Float[Array, " vertex"]:
+    """How far the gutter's floor lies below the limb [mm]: as far as above the rim, up to its depth."""
+    sunk = np.zeros(len(casting.vertices))
+    above = np.setdiff1d(casting.triangles[casting.beyond == 1], upper)
+    away = KDTree(casting.outer[upper]).query(casting.outer[above])[0]
+    sunk[above] = np.minimum(away, GUTTER_DEPTH_MM)
+    return sunk
+
+
+def _grooved(casting: Casting, levels: Levels, sunk: Float[Array, "vertex 3"]) -> Manifold:
+    """Floor under brace and gutter, lands elsewhere, walls between them."""
+    groove = casting.covered | (casting.beyond == 1)
+    count = len(casting.vertices)
+    a, b = wall_edges(casting.triangles, groove).T
+    # the walls of `thicken`, seen from the other side
+    walls = np.concatenate([np.stack([b, a, b + count], axis=1), np.stack([b + count, a, a + count], axis=1)])
+    points = np.concatenate([levels.floor + sunk, levels.top])
+    faces = np.concatenate([casting.triangles[groove], casting.triangles[~groove] + count, walls])
+    return _closed(casting, points, faces, "core")
+
+
+def _closed(
+    casting: Casting, points: Float[Array, "point 3"], faces: Int[Array, "face 3"], name: str
+) -> Manifold:
+    """A body from a surface with open ends; behind the ground of a flat casting lies a plate."""
+    if casting.flat:
+        points, faces = _backed(casting, points, faces)
+    rim = rim_of(faces)
+    left = set(rim.vertices.tolist())
+    caps = []
+    while left:
+        start = min(left)
+        loop = rim.walk(start, start)[:-1][::-1]
+        left -= set(loop.tolist())
+        caps.append(loop[_cap(points[loop])])
+    used, faces = np.unique(np.concatenate([faces, *caps]), return_inverse=True)
+    return body_of(points[used], faces.reshape(-1, 3), name)
+
+
+def _cap(loop: Float[Array, "corner 3"]) -> Int[Array, "triangle 3"]:
+    """Triangles over a nearly plane closed line, which runs counterclockwise around their normal."""
+    normal = loop_normal(loop)
+    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    first /= np.linalg.norm(first)
+    flat = (loop - loop.mean(axis=0)) @ np.stack([first, np.cross(normal, first)], axis=1)
+    return np.asarray(triangulate([flat])).astype(np.int64)
+
+
+def _backed(
+    casting: Casting, points: Float[Array, "point 3"], faces: Int[Array, "face 3"]
+) -> tuple[Float[Array, "more 3"], Int[Array, "face_or_side 3"]]:
+    """A flat surface with sides down to a plane behind its ground."""
+    normal = casting.direction.mean(axis=0)
+    normal /= np.linalg.norm(normal)
+    a, b = border_edges(faces).T
+    rim, place = np.unique(np.concatenate([a, b]), return_inverse=True)
+    height = (casting.vertices @ normal).min() - BACK_MM
+    back = points[rim] + np.outer(height - points[rim] @ normal, normal)
+    far_a, far_b = len(points) + place.reshape(2, -1)
+    sides = np.concatenate([np.stack([b, a, far_a], axis=1), np.stack([b, far_a, far_b], axis=1)])
+    return np.concatenate([points, back]), np.concatenate([faces, sides])
+
+
+def _foot(casting: Casting) -> Float[Array, "3"]:
+    """Middle of the end of the part below the lower edge."""
+    points = casting.outer[np.unique(casting.triangles[casting.beyond == -1])]
+    height = points @ casting.down
+    end = points[height > height.max() - 1e-3]
+    return (end.min(axis=0) + end.max(axis=0)) / 2

@@ -138,7 +138,7 @@ class _Scene:
 
 
 def _corner_normals(points: Array, triangles: Array, flat: Array) -> Array:
-    """Normal at each corner of each triangle: the mean around the vertex, or the triangle's own at creases."""
+    """Normal at each corner of each triangle: mean around the vertex, or the triangle's own at creases."""
     total = np.zeros_like(points)
     for corner in range(3):
         np.add.at(total, triangles[:, corner], flat)

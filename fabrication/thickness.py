@@ -33,8 +33,8 @@ def thinnest_wall(solid: Manifold, reach_mm: float, rays: int = RAYS) -> float:
 def wall_thickness(solid: Manifold, reach_mm: float, rays: int = RAYS) -> Float[Array, " wall"]:
     """Thickness of a body's walls where they are thinner than a reach [mm], thinnest first.
 
-    Rays start from evenly spaced places of the surface, against the normal. What counts is a face on the other
-    side that looks the other way; the slope of the far face is taken off.
+    Rays start from evenly spaced places of the surface, against the normal. What counts is a face on the
+    other side that looks the other way; the slope of the far face is taken off.
 
     Args:
         solid: The body.

@@ -1,16 +1,17 @@
-"""3MF files: all pieces on one plate each with its name and colour, in millimetres."""
+"""3MF files: all pieces on one plate, each with its name and colour, in millimetres."""
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import lib3mf
 import numpy as np
 from lib3mf import get_wrapper
 
 from fabrication.printable import Printable
-from hilbrace.errors import GeometryError
 from hilbrace.run.records import write_atomic
 
 GAP_MM = 10.0
@@ -24,30 +25,35 @@ def write_3mf(path: Path, title: str, pieces: Sequence[Printable]) -> None:
         path: The ``.3mf`` file.
         title: Title of the model.
         pieces: What to print.
-
-    Raises:
-        GeometryError: The library finds a piece that is no closed, oriented surface.
     """
-    wrapper = get_wrapper()
+    wrapper: Any = get_wrapper()
     model = wrapper.CreateModel()
     model.SetUnit(lib3mf.ModelUnit.MilliMeter)
     model.GetMetaDataGroup().AddMetaData("", "Title", title, "xs:string", True)
     model.GetMetaDataGroup().AddMetaData("", "Application", "hilbrace", "xs:string", True)
     colours = model.AddBaseMaterialGroup()
+    model.SetBuildUUID(_identity(title, "build"))
     left = 0.0
     for piece in pieces:
         mesh = _mesh(model, piece)
+        mesh.SetUUID(_identity(title, piece.piece.name))
         red, green, blue = (round(255 * value) for value in piece.piece.colour)
         material = colours.AddMaterial(piece.piece.title, wrapper.RGBAToColor(red, green, blue, 255))
         mesh.SetObjectLevelProperty(colours.GetResourceID(), material)
         left += 0.5 * piece.size[0]
         item = model.AddBuildItem(mesh, wrapper.GetTranslationTransform(left, 0.0, 0.0))
         item.SetPartNumber(piece.piece.name)
+        item.SetUUID(_identity(title, piece.piece.name, "item"))
         left += 0.5 * piece.size[0] + GAP_MM
     write_atomic(path, bytes(bytearray(model.QueryWriter("3mf").WriteToBuffer())))
 
 
-def _mesh(model: lib3mf.Model, piece: Printable) -> lib3mf.MeshObject:
+def _identity(*names: str) -> str:
+    """The same identifier for the same names, so that one mold gives one file."""
+    return str(uuid.uuid5(uuid.NAMESPACE_URL, "/".join(("hilbrace", *names))))
+
+
+def _mesh(model: Any, piece: Printable) -> Any:
     vertices = np.ascontiguousarray(piece.vertices, dtype="<f4")
     triangles = np.ascontiguousarray(piece.triangles, dtype="<u4")
     mesh = model.AddMeshObject()
@@ -56,10 +62,4 @@ def _mesh(model: lib3mf.Model, piece: Printable) -> lib3mf.MeshObject:
         (lib3mf.Position * len(vertices)).from_buffer_copy(vertices.tobytes()),
         (lib3mf.Triangle * len(triangles)).from_buffer_copy(triangles.tobytes()),
     )
-    if not mesh.IsManifoldAndOriented():
-        raise GeometryError(
-            "not a closed, oriented surface in single precision",
-            where=f"3MF: {piece.piece.name}",
-            hint="raise mold.resolution_mm a little",
-        )
     return mesh

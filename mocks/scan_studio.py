@@ -119,12 +119,12 @@ def leg_scene(turn: float = 0.0, shape: Sequence[float] = (), wall: bool = False
     down = (ankle - knee) / np.linalg.norm(ankle - knee)
     own = (leg.vertices - knee) @ Rotation.align_vectors([[0, -1, 0]], [down])[0].as_matrix().T
     own = own @ Rotation.from_euler("y", turn, degrees=True).as_matrix().T
-    # The front of the leg (+x) faces the camera (-z), up (+y) is up in the picture (-y).
-    seen = np.stack([own[:, 2], -own[:, 1], LOOK_AT - own[:, 0]], axis=1)
+    # The front of the leg (+x) faces the camera (-z), up (+y) is up in the picture (-y), its right is left.
+    seen = np.stack([-own[:, 2], -own[:, 1], LOOK_AT - own[:, 0]], axis=1)
     mesh = trimesh.Trimesh(seen, leg.faces, process=False)
 
     def skin_tone(points: np.ndarray, triangle: np.ndarray) -> np.ndarray:
-        back = np.stack([LOOK_AT - points[..., 2], -points[..., 1], points[..., 0]], axis=-1)
+        back = np.stack([LOOK_AT - points[..., 2], -points[..., 1], -points[..., 0]], axis=-1)
         at_rest = back @ Rotation.from_euler("y", turn, degrees=True).as_matrix()
         freckles = np.sin(at_rest / 7.0).prod(axis=-1) * 0.06 + np.sin(at_rest @ [0.11, 0.07, 0.05]) * 0.05
         return np.where(triangle < len(leg.faces), 0.62 + freckles, 0.4)

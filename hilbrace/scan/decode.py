@@ -10,8 +10,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8, UInt32
+from jaxtyping import Bool, Float, UInt8
 
+from hilbrace.scan.axis_code import AxisCode
 from hilbrace.scan.capture import Capture
 from hilbrace.scan.exposure import Exposure, examine_exposure, picture_noise
 from hilbrace.scan.gray_code import add_bit, cell_middles
@@ -27,23 +28,6 @@ WORST_ERROR = 0.3
 """Expected error of the place above which a pixel is left out [px]."""
 GRAY_ERROR = 12.0**-0.5
 """Standard deviation of a place that is only known to the pixel [px]."""
-
-
-@dataclass(frozen=True)
-class AxisCode:
-    """Where on one axis of the projector the light of each pixel comes from.
-
-    Attributes:
-        place: Column or row of the projector [px], not a number where unknown.
-        error: Its standard deviation from the pictures' noise [px].
-        code: Gray code.
-        inside: Place inside the period as the phase tells it [px]; not a number where it is lost.
-    """
-
-    place: Float[Array, "row column"]
-    error: Float[Array, "row column"]
-    code: UInt32[Array, "row column"]
-    inside: Float[Array, "row column"]
 
 
 @dataclass(frozen=True)

@@ -3,29 +3,32 @@
 Three signs, none of which needs a calibration. A pattern of stripes and its inverse add up to white and
 black, whatever the camera's response. Between neighbouring cells one bit changes, and the number changes by
 one: a pair in a wrong place breaks that wherever it changes. And the phase must lie inside the cell that the
-Gray code names. Where a sign fails, every single exchange of pictures is tried, and the one that mends all is
-named.
+Gray code names. Where a sign fails, every exchange of two pictures or two pairs is tried, and those that mend
+all are named: several, where the limb covers too little of the beam to tell them apart.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt32
+from jaxtyping import Bool, Float, Int, UInt32
 
 from hilbrace.errors import InputError
+from hilbrace.scan.axis_code import AxisCode
 from hilbrace.scan.capture import ORDER_HINT, Capture
 from hilbrace.scan.exposure import Exposure
 from hilbrace.scan.gray_code import cell_middles, cell_numbers
 from hilbrace.scan.patterns import PatternPlan
-from hilbrace.scan.phase_shift import resolved
+from hilbrace.scan.phase_shift import phase_and_modulation, resolved
 
 Array = np.ndarray
 
-Change = Callable[[UInt32[Array, "*pixel"]], UInt32[Array, "*pixel"]]
+Codes = UInt32[Array, "*pixel"]
+Change = Callable[[Codes], Codes]
 """What an exchange of pictures does to the codes."""
 
 WORST_MISFIT = 0.25
@@ -41,41 +44,29 @@ FEWEST_PIXELS = 200
 _SAMPLES = 40_000
 
 
-class Coded(Protocol):
-    """One axis of a decoded capture."""
-
-    @property
-    def code(self) -> UInt32[Array, "row column"]:
-        """Gray code."""
-        ...
-
-    @property
-    def inside(self) -> Float[Array, "row column"]:
-        """Place inside the period [px], not a number where it is lost."""
-        ...
-
-
 @dataclass(frozen=True)
 class Signs:
     """Samples of one axis.
 
     Attributes:
         changes: Codes of neighbouring pixels that differ in one bit.
-        code: Codes of single pixels.
+        pixels: Places of single pixels in the picture, row by row.
+        code: Their codes.
         inside: Their places inside the period [px].
         plan: What was projected.
         axis: ``"column"`` or ``"row"``.
     """
 
     changes: UInt32[Array, "2 change"]
+    pixels: Int[Array, " pixel"]
     code: UInt32[Array, " pixel"]
     inside: Float[Array, " pixel"]
     plan: PatternPlan
     axis: str
 
-    def out_of_place(self, change: Change) -> list[int]:
+    def out_of_place(self) -> list[int]:
         """Bits whose changes mostly do not go to a neighbouring cell, coarse to fine."""
-        one, other = change(self.changes)
+        one, other = self.changes
         bits = self.plan.bits(self.axis)
         step = np.abs(cell_numbers(one) - cell_numbers(other))
         changed = bits - 1 - np.log2(np.maximum(one ^ other, 1)).astype(int)
@@ -84,17 +75,21 @@ class Signs:
         bad = (count >= FEWEST_CHANGES) & (good < LEAST_IN_ORDER * count)
         return [int(bit) for bit in np.flatnonzero(bad)]
 
-    def agreement(self, change: Change) -> float:
+    def agreement(self) -> float:
         """Part of the pixels whose phase lies in the cell of their code; 1 with too few pixels [-]."""
         if len(self.code) < FEWEST_PIXELS:
             return 1.0
-        middle = cell_middles(change(self.code), self.plan.cell)
+        middle = cell_middles(self.code, self.plan.cell)
         off = np.abs(resolved(self.inside, middle, self.plan.period) - middle)
         return float((off <= 0.75 * self.plan.cell).mean())
 
-    def whole(self, change: Change) -> bool:
-        """Neither sign fails after an exchange."""
-        return not self.out_of_place(change) and self.agreement(change) >= LEAST_AGREEMENT
+    def whole(self) -> bool:
+        """Neither sign fails."""
+        return not self.out_of_place() and self.agreement() >= LEAST_AGREEMENT
+
+    def changed(self, change: Change) -> Signs:
+        """The samples with their bits exchanged."""
+        return replace(self, changes=change(self.changes), code=change(self.code))
 
 
 def pair_misfit(
@@ -105,8 +100,7 @@ def pair_misfit(
     if not usable.any():
         return 0.0
     off = np.abs((picture + inverse)[usable] - light.total[usable])
-    alike = 1.0 - np.abs((picture - inverse)[usable]) / light.contrast[usable]
-    return float(max(np.median(off / light.contrast[usable]), np.median(alike) - 0.5))
+    return float(np.median(off / light.contrast[usable]))
 
 
 def check_pairs(capture: Capture, axis: str, misfits: list[float], light: Exposure) -> None:
@@ -132,25 +126,27 @@ def check_pairs(capture: Capture, axis: str, misfits: list[float], light: Exposu
     )
 
 
-def check_order(capture: Capture, codes: Mapping[str, Coded], light: Exposure) -> float:
+def check_order(capture: Capture, codes: Mapping[str, AxisCode], light: Exposure) -> float:
     """Bits must be in their places, and phases inside their cells.
 
     Returns:
         Part of the modulated pixels on which phase and Gray code agree; 1 without phase.
 
     Raises:
-        InputError: The pictures do not follow the patterns.
+        InputError: The pictures do not follow the patterns; every single exchange that mends it is named.
     """
     usable = light.lit & ~light.saturated
     agreements = []
     for axis, coded in codes.items():
         signs = _signs(capture.plan, axis, coded, usable)
-        agreements.append(signs.agreement(_unchanged))
-        if signs.whole(_unchanged):
+        agreements.append(signs.agreement())
+        if signs.whole():
             continue
-        culprit = next((names for names, change in _exchanges(capture, axis) if signs.whole(change)), None)
+        tried = (*_exchanges(capture, signs), *_exchanged_cosines(capture, signs))
+        culprits = [names for names, mended in tried if mended.whole()]
+        what = f"{' or '.join(culprits[:3])} seem to be exchanged" if culprits else ""
         raise InputError(
-            culprit or _contradiction(capture, signs),
+            what or _contradiction(capture, signs),
             where=str(capture.folder),
             hint=f"the pictures do not follow the list of patterns: {ORDER_HINT}; is --patterns the folder"
             " that was projected?",
@@ -158,32 +154,29 @@ def check_order(capture: Capture, codes: Mapping[str, Coded], light: Exposure) -
     return min(agreements)
 
 
-def _signs(plan: PatternPlan, axis: str, coded: Coded, usable: Bool[Array, "row column"]) -> Signs:
-    places = np.flatnonzero(usable & np.isfinite(coded.inside))
-    places = places[:: max(1, len(places) // _SAMPLES)]
+def _signs(plan: PatternPlan, axis: str, coded: AxisCode, usable: Bool[Array, "row column"]) -> Signs:
+    pixels = np.flatnonzero(usable & np.isfinite(coded.inside))
+    pixels = pixels[:: max(1, len(pixels) // _SAMPLES)]
     return Signs(
-        _clean_changes(coded.code, usable),
-        coded.code.ravel()[places],
-        coded.inside.ravel()[places],
-        plan,
-        axis,
+        changes=_clean_changes(coded.code, usable),
+        pixels=pixels,
+        code=coded.code.ravel()[pixels],
+        inside=coded.inside.ravel()[pixels],
+        plan=plan,
+        axis=axis,
     )
 
 
 def _contradiction(capture: Capture, signs: Signs) -> str:
-    out = signs.out_of_place(_unchanged)
+    out = signs.out_of_place()
     if out:
         first, last = _pair(capture, signs.axis, out[0])
         return f"{first} and {last} do not fit their place among the stripes of the {signs.axis}s"
     cosine = capture.files[capture.place("phase", signs.axis, 0)].name
     return (
-        f"phase and Gray code of the {signs.axis}s agree on {100 * signs.agreement(_unchanged):.0f} % of the"
-        f" lit pixels only (the cosines start with {cosine}): cosines are out of order, or the limb moved"
+        f"phase and Gray code of the {signs.axis}s agree on {100 * signs.agreement():.0f} % of the lit pixels"
+        f" only (the cosines start with {cosine}): pictures are out of order, or the limb moved"
     )
-
-
-def _unchanged(codes: UInt32[Array, "*pixel"]) -> UInt32[Array, "*pixel"]:
-    return codes
 
 
 def _pair(capture: Capture, axis: str, bit: int) -> tuple[str, str]:
@@ -220,28 +213,34 @@ def _clean_changes(
     return pairs[:, :: max(1, pairs.shape[1] // _SAMPLES)]
 
 
-def _exchanges(capture: Capture, axis: str) -> Iterator[tuple[str, Change]]:
-    """Every exchange of a pattern with its inverse, and of one pair with another; names and what it does."""
-    bits = capture.plan.bits(axis)
+def _exchanges(capture: Capture, signs: Signs) -> Iterator[tuple[str, Signs]]:
+    """Every exchange of a pattern with its inverse, and of one pair with another; names and what it gives."""
+    bits = capture.plan.bits(signs.axis)
+    place = [np.uint32(bits - 1 - bit) for bit in range(bits)]
 
-    def flipped(bit: int) -> Change:
-        return lambda pairs: pairs ^ np.uint32(1 << (bits - 1 - bit))
-
-    def swapped(bit: int, other: int) -> Change:
-        def swap(pairs: UInt32[Array, "*pixel"]) -> UInt32[Array, "*pixel"]:
-            low, high = np.uint32(bits - 1 - bit), np.uint32(bits - 1 - other)
-            differ = ((pairs >> low) ^ (pairs >> high)) & np.uint32(1)
-            return pairs ^ (differ << low) ^ (differ << high)
-
-        return swap
+    def swap(codes: Codes, one: int, other: int) -> Codes:
+        differ = ((codes >> place[one]) ^ (codes >> place[other])) & np.uint32(1)
+        return codes ^ (differ << place[one]) ^ (differ << place[other])
 
     for bit in range(bits):
-        first, second = _pair(capture, axis, bit)
-        yield f"{first} and {second} seem to be exchanged: the inverse comes first", flipped(bit)
-    for bit in range(bits):
-        for other in range(bit + 1, bits):
-            ours, theirs = _pair(capture, axis, bit), _pair(capture, axis, other)
-            yield (
-                f"the pair {ours[0]}, {ours[1]} and the pair {theirs[0]}, {theirs[1]} seem to be exchanged",
-                swapped(bit, other),
-            )
+        first, second = _pair(capture, signs.axis, bit)
+        flipped = signs.changed(partial(np.bitwise_xor, np.uint32(1) << place[bit]))
+        yield f"{first} and {second}", flipped
+    for one, other in combinations(range(bits), 2):
+        ours, theirs = _pair(capture, signs.axis, one), _pair(capture, signs.axis, other)
+        swapped = signs.changed(partial(swap, one=one, other=other))
+        yield f"the pair {ours[0]}, {ours[1]} and the pair {theirs[0]}, {theirs[1]}", swapped
+
+
+def _exchanged_cosines(capture: Capture, signs: Signs) -> Iterator[tuple[str, Signs]]:
+    """Every exchange of two cosines; names and what it gives."""
+    steps, period = capture.plan.steps, capture.plan.period
+    numbers = [capture.place("phase", signs.axis, step) for step in range(steps)]
+    values = [capture.grey(number).ravel()[None, signs.pixels] for number in numbers]
+    for one, other in combinations(range(steps), 2):
+        order = list(values)
+        order[one], order[other] = order[other], order[one]
+        phase, _ = phase_and_modulation(order, steps)
+        inside = phase[0] * np.float32(period / (2.0 * np.pi))
+        names = f"{capture.files[numbers[one]].name} and {capture.files[numbers[other]].name}"
+        yield names, replace(signs, inside=inside)

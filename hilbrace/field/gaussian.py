@@ -75,8 +75,17 @@ class GaussianField:
         self.rank = self._on_u.shape[1], self._on_v.shape[1]
 
     def start(self, seed: int, spread: float) -> Float[torch.Tensor, "size size"]:
-        """Parameters to start from, see `initial_parameters`."""
-        return initial_parameters(self.size, seed, spread)
+        """Parameters to start from, see `initial_parameters`, the same from left to right and back.
+
+        Braces of mirrored limbs then start, and end, as mirror images.
+        """
+        drawn = initial_parameters(self.size, seed, spread)
+        return (drawn + self.mirrored(drawn)) * math.sqrt(0.5)
+
+    def mirrored(self, theta: Float[torch.Tensor, "size size"]) -> Float[torch.Tensor, "size size"]:
+        """Parameters of the field that is mirrored along u, about the middle of the map."""
+        turned = theta.flip(0)
+        return turned.roll(1, 0) if self.period_u else turned
 
     def evaluate(self, theta: Float[torch.Tensor, "size size"]) -> Float[torch.Tensor, " point"]:
         """The field ``sum_i w_i psi_i`` at the points, before any projection.

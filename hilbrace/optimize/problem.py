@@ -163,8 +163,8 @@ def build_problem(
     passive = passive_stiffness(settings, kind)
     return Problem(
         domain=domain,
-        triangles=_place(corner_uv.mean(axis=1), length, settings, domain.period_u),
-        vertices=_place(domain.uv, _at_cut_vertices(length, domain), settings, domain.period_u),
+        triangles=_place(corner_uv.mean(axis=1), length, settings, domain),
+        vertices=_place(domain.uv, _at_cut_vertices(length, domain), settings, domain),
         areas=torch.from_numpy(areas),
         rim=torch.from_numpy(band.triangles),
         cells=load_microstructures(soft=material.soft, firm=material.firm),
@@ -205,8 +205,14 @@ def width_limits(
     return low, torch.maximum(high.clamp(max=1.0), low + 0.1)
 
 
-def _place(points: Array, mm_per_uv: Array, settings: OptimizeSettings, period_u: float) -> Place:
-    return Place(build_field(points, settings, period_u), torch.from_numpy(mm_per_uv))
+def _place(points: Array, mm_per_uv: Array, settings: OptimizeSettings, domain: Domain) -> Place:
+    """Sample the field there, the middle of the map in the middle of the neurons.
+
+    The field then sees the map of a mirrored limb, in which u runs the other way, as its mirror image.
+    """
+    ends = domain.uv[:, 0].min() + domain.uv[:, 0].max()
+    offset = np.array([0.5 * ((domain.period_u or 1.0) - ends), 0.0])
+    return Place(build_field(points + offset, settings, domain.period_u), torch.from_numpy(mm_per_uv))
 
 
 def _at_cut_vertices(values: Float[Array, " triangle"], domain: Domain) -> Float[Array, " cut_vertex"]:

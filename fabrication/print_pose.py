@@ -22,6 +22,9 @@ BED_MM = 0.05
 LEAN_MM2 = 100.0
 """Poses whose overhang differs by less than this are equally good, and the lower one is taken [mm^2]."""
 
+FLATS, FLAT_DIGITS = 4, 6
+"""How many of a body's flats it may stand on, and how exactly normals agree on one flat."""
+
 TURN_DEG = 1.0
 """Step in which a piece is turned on the bed to see whether it fits [deg]."""
 
@@ -63,8 +66,9 @@ class PrintCost:
 def pose_pieces(pieces: Sequence[Piece], printer: Printer, up: Float[Array, "3"]) -> tuple[Piece, ...]:
     """Turn each piece as it is printed best.
 
-    The core stands upright, so that its grooves are round about, and the base lies as it stands. A shell
-    stands on either end or lies on its flanges or its back, whichever fits and needs the least support.
+    The core stands upright, so that its grooves are round about, or on one of its ends if it has no sole, and
+    the base lies as it stands. A shell stands on either end or lies on its flanges or its back, whichever
+    fits and needs the least support.
 
     Args:
         pieces: Pieces at their places in the mold.
@@ -85,7 +89,7 @@ def best_pose(piece: Piece, printer: Printer, up: Float[Array, "3"]) -> Pose:
     Returns:
         The pose; one that does not fit if none does.
     """
-    poses = [pose(piece.solid, rising, printer) for rising in _candidates(piece, up)]
+    poses = [pose(piece.solid, rising, printer) for rising in _candidates(piece, up, printer)]
     fitting = [each for each in poses if each.fits] or poses
     least = min(each.overhang_mm2 for each in fitting)
     good = [each for each in fitting if each.overhang_mm2 <= least + LEAN_MM2]
@@ -131,14 +135,29 @@ def _posed(piece: Piece, printer: Printer) -> Pose:
     return Pose(piece.printing, (width, depth, height), overhang, contact, fits)
 
 
-def _candidates(piece: Piece, up: Array) -> list[Array]:
-    if piece.kind in ("core", "base") or piece.pull is None:
+def _candidates(piece: Piece, up: Array, printer: Printer) -> list[Array]:
+    if piece.kind == "base":
         return [up]
+    if piece.kind == "core" or piece.pull is None:
+        stands = pose(piece.solid, up, printer).contact_mm2 > LEAN_MM2
+        return [up] if stands else [up, -up, *_off_flats(piece.solid)]
     across = piece.pull - (piece.pull @ up) * up
     if np.linalg.norm(across) < 1e-6:
         return [up, -up]
     across = across / np.linalg.norm(across)
     return [up, -up, across, -across]
+
+
+def _off_flats(solid: Manifold) -> list[Float[Array, "3"]]:
+    """Directions in which a body rises when it stands on one of its largest flats."""
+    vertices, triangles = mesh_of(solid)
+    a, b, c = np.moveaxis(vertices[triangles], 1, 0)
+    normals = np.cross(b - a, c - a)
+    twice = np.linalg.norm(normals, axis=1)
+    unit = normals[twice > 0] / twice[twice > 0, None]
+    _, first, index = np.unique(unit.round(FLAT_DIGITS), axis=0, return_index=True, return_inverse=True)
+    areas = np.bincount(index.reshape(-1), weights=0.5 * twice[twice > 0])
+    return [-unit[first[each]] for each in np.argsort(-areas, kind="stable")[:FLATS]]
 
 
 def _upright(rising: Array) -> Float[Array, "3 3"]:

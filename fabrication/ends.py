@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from manifold3d import Manifold
 
+from fabrication.mold import Casting
 from hilbrace.errors import GeometryError
 
 Array = np.ndarray
@@ -37,41 +38,35 @@ class End:
         return self.level - points @ self.normal
 
 
-def find_ends(
-    vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"], axis: Float[Array, "3"]
-) -> tuple[End, ...]:
+def find_ends(casting: Casting) -> tuple[End, ...]:
     """A plane just inside each border of a tube.
 
     Args:
-        vertices: The surface [mm].
-        triangles: Its triangles, outward.
-        axis: Direction from the lower end to the upper one.
+        casting: What shall be cast; its surface runs straight beyond the brace's edges.
 
     Returns:
-        Planes, from the lower one to the upper one.
+        The lower end and the upper one.
 
     Raises:
-        GeometryError: The surface has no border, or more than two.
+        GeometryError: The surface ends with the brace.
     """
-    borders = border_loops(triangles)
-    if not 1 <= len(borders) <= 2:
-        raise GeometryError(
-            f"the limb's surface has {len(borders)} borders, a tube has two",
-            where="mold shells",
-            hint="give the limb as a tube that is open at both ends of the brace, its windows closed",
-        )
-    middle = vertices[triangles].mean(axis=(0, 1))
     ends = []
-    for loop in borders:
-        points = vertices[loop]
-        centre = points.mean(axis=0)
-        normal = 0.5 * np.cross(points - centre, np.roll(points, -1, axis=0) - centre).sum(axis=0)
-        normal *= np.sign(normal @ (centre - middle)) / np.linalg.norm(normal)
-        ends.append(End(normal, float((points @ normal).min() - INSIDE_MM)))
-    return tuple(sorted(ends, key=lambda end: float(end.normal @ axis)))
+    for beyond, normal in ((-1, casting.down), (1, casting.up)):
+        triangles = casting.triangles[casting.beyond == beyond]
+        if not len(triangles):
+            raise GeometryError(
+                "the limb's surface ends with the brace",
+                where="mold shells",
+                hint="give a limb that is longer than the brace at both ends",
+            )
+        levels = (float((casting.outer[loop] @ normal).min()) for loop in border_loops(triangles))
+        ends.append(End(normal, max(levels) - INSIDE_MM))
+    return tuple(ends)
 
 
-def inside(ends: tuple[End, ...], points: Float[Array, "point 3"], margin_mm: float = 0.0) -> Bool[Array, " point"]:
+def inside(
+    ends: tuple[End, ...], points: Float[Array, "point 3"], margin_mm: float = 0.0
+) -> Bool[Array, " point"]:
     """Which points lie further inside all ends than a margin."""
     within = np.ones(len(points), bool)
     for end in ends:

@@ -9,16 +9,16 @@ the pull, which facets and real skin always have, are relieved, and what they co
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 from manifold3d import Manifold
 
-from fabrication.bodies import mesh_of
 from fabrication.ends import End, find_ends, inside
 from fabrication.mold import Casting, Core
-from fabrication.seams import Graph, Seam, face_normals, fit_graph, pull_axes
+from fabrication.seams import Seam, Surface, face_normals, fit_graph, pull_axes, surface_of
 from fabrication.undercut import lean, relief, undercut_areas
 from fabrication.wedges import limb_wedges
 from hilbrace.config.mold import MoldSettings
@@ -32,10 +32,7 @@ AZIMUTHS = 24
 SCAN_CELL_MM, CELL_MM = 8.0, 3.0
 """Spacing of the parting's grid while directions are tried, and of the final one [mm]."""
 
-SCAN_SIMPLIFY_MM = 0.1
-"""How far the surface may be off while directions are tried [mm]."""
-
-AS_GOOD = 2e-3
+AS_GOOD = 3e-3
 """Directions whose undercut differs by less than this part of the surface are equally good [-]."""
 
 MOST_UNDERCUT = 5e-3
@@ -69,7 +66,7 @@ class Parting:
         undercut_deg: Angle by which each triangle of the casting hinders its shell, negative where it lets
             it go [deg].
         undercut_mm2: Area that hinders each shell by more than a degree [mm^2], by name.
-        triangles_mm2: Area of the casting's triangles between the ends [mm^2].
+        sides_mm2: Area of the casting's surface between the ends [mm^2].
     """
 
     names: tuple[str, ...]
@@ -83,7 +80,7 @@ class Parting:
     shell_of: Int[Array, " triangle"]
     undercut_deg: Float[Array, " triangle"]
     undercut_mm2: dict[str, float]
-    triangles_mm2: float
+    sides_mm2: float
 
 
 def find_parting(casting: Casting, core: Core, settings: MoldSettings) -> Parting:
@@ -103,10 +100,9 @@ def find_parting(casting: Casting, core: Core, settings: MoldSettings) -> Partin
     if casting.flat:
         return _lid(casting)
     counts = (settings.shells,) if settings.shells else (2, 3, 4)
-    ends = find_ends(casting.outer, casting.triangles, core.axis)
     refused = []
     for count in counts:
-        parting = _best(casting, core, ends, count, settings)
+        parting = _best(casting, core, count, settings)
         parting = replace(parting, relief_mm3=relief_volume(parting, core.land))
         fault = _fault(parting, casting)
         if fault is None:
@@ -126,98 +122,68 @@ def relief_volume(parting: Parting, land: Manifold) -> float:
 
 
 def graph_parting(
-    casting: Casting, ends: tuple[End, ...], pull: Float[Array, "3"], along: Float[Array, "3"], reach_mm: float
+    casting: Casting, core: Core, pull: Float[Array, "3"], along: Float[Array, "3"], reach_mm: float
 ) -> Parting:
     """Two shells that meet in the sheet through the outline which the limb shows to a pull.
 
     Args:
         casting: What shall be cast.
-        ends: Where the shells end.
+        core: Its core.
         pull: Direction in which the first shell comes off; the second leaves the other way.
         along: Direction of the limb.
         reach_mm: How far flanges reach from the limb's surface [mm].
     """
-    axes = pull_axes(pull, along)
-    graph = fit_graph(casting.outer, casting.triangles, axes, reach_mm + OUTSIDE_MM, CELL_MM)
-    return _sheet_parting(casting, ends, graph)
+    ends = find_ends(casting)
+    surface = surface_of(core.land, ends)
+    graph = fit_graph(surface, pull_axes(pull, along), reach_mm + OUTSIDE_MM, CELL_MM)
+    above = graph.above(surface.vertices)
+    reach = 2.0 * float(np.abs(surface.vertices @ graph.axes[2]).max() + np.ptp(graph.height))
+    pulls = np.stack([graph.axes[2], -graph.axes[2]])
+    return _parting(
+        casting,
+        surface,
+        ends,
+        pulls,
+        graph.half_spaces(reach),
+        (Seam(1, 0, graph.points(), graph.axes[2]),),
+        lambda points: np.where(graph.above(points) > 0, 0, 1),
+        [above, -above],
+    )
 
 
 def wedge_parting(
-    casting: Casting,
-    ends: tuple[End, ...],
-    count: int,
-    turn: float,
-    axes: Float[Array, "3 3"],
-    reach_mm: float,
+    casting: Casting, core: Core, count: int, turn: float, axes: Float[Array, "3 3"], reach_mm: float
 ) -> Parting:
     """Three or more shells that meet in half-planes which spring from the limb's centreline.
 
     Args:
         casting: What shall be cast.
-        ends: Where the shells end.
+        core: Its core.
         count: How many shells.
         turn: Angle of the first meeting from the first axis [rad].
         axes: Rows: two unit directions across the limb, and along it.
         reach_mm: How far flanges reach from the limb's surface [mm].
     """
-    outer = casting.outer
-    along = outer @ axes[2]
-    wide = float(np.linalg.norm(np.ptp(outer, axis=0))) + reach_mm + OUTSIDE_MM
+    ends = find_ends(casting)
+    surface = surface_of(core.land, ends)
     margin = reach_mm + OUTSIDE_MM
+    along = casting.outer @ axes[2]
+    wide = float(np.linalg.norm(np.ptp(casting.outer, axis=0))) + margin
     wedges = limb_wedges(casting.centreline, along.min() - margin, along.max() + margin, turn, count, axes)
-    shell_of = wedges.wedge_of(outer[casting.triangles].mean(axis=1))
-    depths = [wedges.depth(outer, pull) for pull in wedges.pulls]
+    depths = [wedges.depth(surface.vertices, pull) for pull in wedges.pulls]
     return _parting(
-        casting, ends, wedges.pulls, wedges.bodies(wide), wedges.seams(wide), shell_of, depths
+        casting,
+        surface,
+        ends,
+        wedges.pulls,
+        wedges.bodies(wide),
+        wedges.seams(wide),
+        wedges.wedge_of,
+        depths,
     )
 
 
-def _best(
-    casting: Casting, core: Core, ends: tuple[End, ...], count: int, settings: MoldSettings
-) -> Parting:
-    """The best parting into a number of shells."""
-    reach = settings.wall_mm + settings.flange_mm
-    vertices, triangles = _scan_surface(core, ends)
-    axes = _limb_axes(casting)
-    turns = np.arange(AZIMUTHS) * (np.pi if count == 2 else 2 * np.pi / count) / AZIMUTHS
-    if count > 2:
-        line = casting.centreline
-        along = vertices @ axes[2]
-        tried = [limb_wedges(line, along.min(), along.max(), turn, count, axes) for turn in turns]
-        faces = vertices[triangles].mean(axis=1)
-        hindered = [_hindered(vertices, triangles, wedges.wedge_of(faces), wedges.pulls) for wedges in tried]
-        return wedge_parting(casting, ends, count, float(turns[_first_good(hindered)]), axes, reach)
-    pulls = np.cos(turns)[:, None] * axes[0] + np.sin(turns)[:, None] * axes[1]
-    hindered = [_hindered_by_sheet(vertices, triangles, pull, axes[2]) for pull in pulls]
-    return graph_parting(casting, ends, pulls[_first_good(hindered)], axes[2], reach)
-
-
-def _first_good(hindered: list[float]) -> int:
-    """The candidate nearest to the first one, either way around, that is as good as the best."""
-    good = np.flatnonzero(np.array(hindered) <= min(hindered) + AS_GOOD)
-    return int(min(good, key=lambda at: (min(at, len(hindered) - at), at)))
-
-
-def _hindered_by_sheet(vertices: Array, triangles: Array, pull: Array, along: Array) -> float:
-    graph = fit_graph(vertices, triangles, pull_axes(pull, along), SCAN_CELL_MM, SCAN_CELL_MM)
-    above = graph.above(vertices[triangles].mean(axis=1)) > 0
-    return _hindered(vertices, triangles, np.where(above, 0, 1), np.stack([pull, -pull]))
-
-
-def _hindered(vertices: Array, triangles: Array, shell_of: Array, pulls: Array) -> float:
-    """Part of a surface that hinders the shells [-]."""
-    angle, areas = lean(vertices, triangles, shell_of, pulls)
-    return float(areas[angle > 1.0].sum() / areas.sum())
-
-
-def _scan_surface(core: Core, ends: tuple[End, ...]) -> tuple[Array, Array]:
-    """The land between the ends, coarse enough to try many directions on."""
-    vertices, triangles = mesh_of(core.land.simplify(SCAN_SIMPLIFY_MM))
-    within = inside(ends, vertices)
-    return vertices, triangles[within[triangles].all(axis=1)]
-
-
-def _limb_axes(casting: Casting) -> Float[Array, "3 3"]:
+def limb_axes(casting: Casting) -> Float[Array, "3 3"]:
     """Across the plane in which the limb bends, in it, and along the limb.
 
     A leg bends in its sagittal plane; a limb that is no known joint in the plane that its centreline shows.
@@ -239,46 +205,74 @@ def _limb_axes(casting: Casting) -> Float[Array, "3 3"]:
     return np.stack([sideways, np.cross(along, sideways), along])
 
 
-def _sheet_parting(casting: Casting, ends: tuple[End, ...], graph: Graph) -> Parting:
-    above = graph.above(casting.outer)
-    reach = float(np.abs(casting.outer @ graph.axes[2]).max() + np.ptp(graph.height)) * 2.0
-    first = graph.above(casting.outer[casting.triangles].mean(axis=1)) > 0
-    pulls = np.stack([graph.axes[2], -graph.axes[2]])
-    seam = Seam(1, 0, graph.points(), graph.axes[2])
-    return _parting(
-        casting, ends, pulls, graph.half_spaces(reach), (seam,), np.where(first, 0, 1), [above, -above]
-    )
+def _best(casting: Casting, core: Core, count: int, settings: MoldSettings) -> Parting:
+    """The best parting into a number of shells."""
+    reach = settings.wall_mm + settings.flange_mm
+    surface = surface_of(core.land, find_ends(casting))
+    axes = limb_axes(casting)
+    if count == 2:
+        turns = np.arange(AZIMUTHS) * np.pi / AZIMUTHS
+        pulls = np.cos(turns)[:, None] * axes[0] + np.sin(turns)[:, None] * axes[1]
+        hindered = [_hindered_by_sheet(surface, pull, axes[2]) for pull in pulls]
+        return graph_parting(casting, core, pulls[_first_good(hindered)], axes[2], reach)
+    turns = np.arange(AZIMUTHS) * 2 * np.pi / count / AZIMUTHS
+    along = surface.vertices @ axes[2]
+    tried = [limb_wedges(casting.centreline, along.min(), along.max(), turn, count, axes) for turn in turns]
+    hindered = [_hindered(surface, wedges.wedge_of(surface.middles), wedges.pulls) for wedges in tried]
+    return wedge_parting(casting, core, count, float(turns[_first_good(hindered)]), axes, reach)
+
+
+def _first_good(hindered: list[float]) -> int:
+    """The candidate nearest to the first one, either way around, that is as good as the best."""
+    good = np.flatnonzero(np.array(hindered) <= min(hindered) + AS_GOOD)
+    return int(min(good, key=lambda at: (min(at, len(hindered) - at), at)))
+
+
+def _hindered_by_sheet(surface: Surface, pull: Array, along: Array) -> float:
+    graph = fit_graph(surface, pull_axes(pull, along), SCAN_CELL_MM, SCAN_CELL_MM)
+    above = graph.above(surface.middles) > 0
+    return _hindered(surface, np.where(above, 0, 1), np.stack([pull, -pull]))
+
+
+def _hindered(surface: Surface, shell_of: Array, pulls: Array) -> float:
+    """Part of a surface that hinders the shells [-]."""
+    angle = lean(surface.normals, shell_of, pulls)
+    return float(undercut_areas(angle, surface.areas, shell_of, len(pulls)).sum() / surface.areas.sum())
 
 
 def _parting(
     casting: Casting,
+    surface: Surface,
     ends: tuple[End, ...],
     pulls: Array,
     sectors: tuple[Manifold, ...],
     seams: tuple[Seam, ...],
-    shell_of: Array,
+    shell_at: Callable[[Array], Array],
     depths: list[Array],
 ) -> Parting:
     """Measure a parting and clear what hinders it.
 
     Args:
         casting: What shall be cast.
+        surface: The sides of the land.
         ends: Where the shells end.
         pulls: Direction of each shell.
         sectors: Room of each shell.
         seams: Where they meet.
-        shell_of: Shell on each triangle.
-        depths: How far each vertex lies above the parting, for each shell.
+        shell_at: Shell whose room a point lies in.
+        depths: How far each vertex of the surface lies above the parting, for each shell.
     """
-    vertices, triangles = casting.outer, casting.triangles
-    within = inside(ends, vertices)[triangles].any(axis=1)
-    angle, areas = lean(vertices, triangles, shell_of, pulls)
-    area = undercut_areas(angle[within], areas[within], shell_of[within], len(pulls))
-    normals, _ = face_normals(vertices, triangles)
     reliefs = tuple(
-        relief(vertices, triangles, (normals @ pull < 0) & (depth[triangles].max(axis=1) > 0), depth, pull)
+        relief(
+            surface, (surface.normals @ pull < 0) & (depth[surface.triangles] > 0).any(axis=1), depth, pull
+        )
         for pull, depth in zip(pulls, depths, strict=True)
     )
+    faces = shell_at(casting.outer[casting.triangles].mean(axis=1))
+    normals, areas = face_normals(casting.outer, casting.triangles)
+    angle = lean(normals, faces, pulls)
+    within = inside(ends, casting.outer)[casting.triangles].any(axis=1)
+    hindered = undercut_areas(angle[within], areas[within], faces[within], len(pulls))
     names, titles = _names(casting, pulls)
     return Parting(
         names=names,
@@ -289,18 +283,18 @@ def _parting(
         reliefs=reliefs,
         relief_mm3=0.0,
         ends=ends,
-        shell_of=shell_of,
+        shell_of=faces,
         undercut_deg=angle,
-        undercut_mm2=dict(zip(names, area.tolist(), strict=True)),
-        triangles_mm2=float(areas[within].sum()),
+        undercut_mm2=dict(zip(names, hindered.tolist(), strict=True)),
+        sides_mm2=float(areas[within].sum()),
     )
 
 
 def _fault(parting: Parting, casting: Casting) -> str | None:
     """Why a parting will not do; ``None`` where it will."""
     hindered = sum(parting.undercut_mm2.values())
-    if hindered > MOST_UNDERCUT * parting.triangles_mm2:
-        return f"{hindered:.0f} mm2 of {parting.triangles_mm2:.0f} mm2 are undercut"
+    if hindered > MOST_UNDERCUT * parting.sides_mm2:
+        return f"{hindered:.0f} mm2 of {parting.sides_mm2:.0f} mm2 are undercut"
     if parting.relief_mm3 > MOST_RELIEF * casting.brace.volume():
         return f"undercuts would add {parting.relief_mm3:.0f} mm3 to the casting"
     return None
@@ -316,7 +310,7 @@ def _lid(casting: Casting) -> Parting:
     pull = areas @ normals
     pull /= np.linalg.norm(pull)
     shell_of = np.zeros(len(casting.triangles), int)
-    angle, _ = lean(casting.outer, casting.triangles, shell_of, pull[None])
+    angle = lean(normals, shell_of, pull[None])
     if angle.max() > 0:
         raise GeometryError(
             f"the ground leans {angle.max():.0f} deg against the pull of a lid",
@@ -337,7 +331,7 @@ def _lid(casting: Casting) -> Parting:
         shell_of=shell_of,
         undercut_deg=angle,
         undercut_mm2={"shell_lid": 0.0},
-        triangles_mm2=float(areas.sum()),
+        sides_mm2=float(areas.sum()),
     )
 
 

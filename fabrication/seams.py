@@ -1,12 +1,9 @@
 """The surfaces in which shells meet: sheets through the limb's outline as the pulls see it.
 
-Two shells meet in one sheet that is a graph over the plane across their pulls, and follows the outline of the
-limb seen along the pull. Whatever lies above the sheet leaves along the pull, whatever lies below it leaves the
-other way, and no part of the limb is in the way as long as every line along the pull meets it only once. Knees
-and ankles, bent or not, are all of this kind.
-
-Three and more shells meet in half-sheets: half-planes that spring from the limb's centreline, which makes them
-bend where it bends.
+Two shells meet in one sheet that is a graph over the plane across their pulls, and follows the outline of
+the limb seen along the pull. Whatever lies above the sheet leaves along the pull, whatever lies below it
+leaves the other way, and no part of the limb is in the way as long as every line along the pull meets it only
+once. Knees and ankles, bent or not, are all of this kind.
 """
 
 from __future__ import annotations
@@ -20,7 +17,8 @@ from scipy.ndimage import binary_closing, binary_erosion
 from scipy.sparse import coo_matrix, csr_matrix, diags_array, kron
 from scipy.sparse.linalg import splu
 
-from fabrication.bodies import body_of
+from fabrication.bodies import body_of, mesh_of
+from fabrication.ends import End, inside
 
 Array = np.ndarray
 
@@ -28,8 +26,50 @@ STIFFNESS = 3.0
 """Weight of the sheet's bending against its way from the outline: features shorter than about 15 mm are
 smoothed."""
 
-OUTLINE_CELLS = 1.5
+BORDER_CELLS = 3
 """Silhouette edges further inside the shadow than this many cells belong to hollows, not to the outline."""
+
+LEAST_COSINE = 0.5
+"""Slabs on sheets steeper than this grow thinner [-]."""
+
+SAMPLE_MM = 1.0
+"""Spacing of the places along silhouette edges [mm]."""
+
+DENSE_MM = 2.0
+"""Spacing of the points that cast a surface's shadow [mm]."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A surface that shells shall come off.
+
+    Attributes:
+        vertices: Positions [mm].
+        triangles: Triangles, outward.
+        normals: Unit normals of the triangles.
+        areas: Their areas [mm^2].
+        points: Points that cover it densely [mm].
+    """
+
+    vertices: Float[Array, "vertex 3"]
+    triangles: Int[Array, "triangle 3"]
+    normals: Float[Array, "triangle 3"]
+    areas: Float[Array, " triangle"]
+    points: Float[Array, "point 3"]
+
+    @property
+    def middles(self) -> Float[Array, "triangle 3"]:
+        """Middles of the triangles [mm]."""
+        return self.vertices[self.triangles].mean(axis=1)
+
+
+def surface_of(solid: Manifold, ends: tuple[End, ...]) -> Surface:
+    """The sides of a body: what of its surface reaches inside its ends."""
+    vertices, triangles = mesh_of(solid)
+    sides = triangles[inside(ends, vertices)[triangles].any(axis=1)]
+    points, _ = mesh_of(solid.refine_to_length(DENSE_MM))
+    normals, areas = face_normals(vertices, sides)
+    return Surface(vertices, sides, normals, areas, points[inside(ends, points)])
 
 
 @dataclass(frozen=True)
@@ -49,8 +89,9 @@ class Seam:
     across: Float[Array, "3"]
 
     def slab(self, half_mm: float) -> Manifold:
-        """The body within a distance of the sheet, measured along ``across``."""
-        shift = half_mm * self.across
+        """The body within a distance of the sheet, measured square to it."""
+        slope = np.maximum(self.normals() @ self.across, LEAST_COSINE)
+        shift = (half_mm / slope)[..., None] * self.across
         return between(self.points - shift, self.points + shift)
 
     def normals(self) -> Float[Array, "row column 3"]:
@@ -100,36 +141,29 @@ class Graph:
 
 
 def pull_axes(pull: Float[Array, "3"], along: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    """Right-handed axes whose third is a pull and whose second is as near as can be to the limb's direction."""
+    """Right-handed axes: the third a pull, the second as near as can be to the limb's direction."""
     third = pull / np.linalg.norm(pull)
     second = along - (along @ third) * third
     second /= np.linalg.norm(second)
     return np.stack([np.cross(second, third), second, third])
 
 
-def fit_graph(
-    vertices: Float[Array, "vertex 3"],
-    triangles: Int[Array, "triangle 3"],
-    axes: Float[Array, "3 3"],
-    margin_mm: float,
-    cell_mm: float,
-) -> Graph:
+def fit_graph(surface: Surface, axes: Float[Array, "3 3"], margin_mm: float, cell_mm: float) -> Graph:
     """The smooth sheet through the outline of a surface as it is seen along a pull.
 
     The outline consists of the edges between faces that look along the pull and faces that look against it.
-    The sheet is the thin plate that passes them in the sense of least squares, each edge weighted by its length.
+    The sheet is the thin plate that passes them in the sense of least squares, each edge by its length.
 
     Args:
-        vertices: The surface [mm].
-        triangles: Its triangles, outward.
+        surface: The surface.
         axes: Rows: two directions across the pull, and the pull.
         margin_mm: How far the sheet reaches beyond the surface [mm].
         cell_mm: Spacing of its grid [mm].
     """
-    local = vertices @ axes.T
-    low = local[:, :2].min(axis=0) - margin_mm
-    shape = tuple(np.ceil((local[:, :2].max(axis=0) + margin_mm - low) / cell_mm).astype(int) + 1)
-    middle, length = _outline(local, triangles, low, cell_mm, shape)
+    places = surface.points @ axes[:2].T
+    low = places.min(axis=0) - margin_mm
+    shape = tuple(np.ceil((places.max(axis=0) + margin_mm - low) / cell_mm).astype(int) + 1)
+    middle, length = _outline(surface, axes, low, cell_mm, shape)
     data = bilinear(middle[:, :2], low, cell_mm, shape)
     normal = data.T @ diags_array(length / cell_mm) @ data + STIFFNESS * _bending(shape)
     right = data.T @ (length / cell_mm * middle[:, 2])
@@ -207,19 +241,21 @@ def vertex_normals(
 
 
 def _outline(
-    local: Array, triangles: Array, low: Array, cell: float, shape: tuple[int, ...]
-) -> tuple[Float[Array, "edge 3"], Float[Array, " edge"]]:
-    """Middles and lengths of the silhouette edges at the border of the shadow."""
-    normals, _ = face_normals(local, triangles)
-    ends = local[silhouette(normals, triangles, np.array([0.0, 0.0, 1.0]))]
-    middle, length = ends.mean(axis=1), np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    surface: Surface, axes: Array, low: Array, cell: float, shape: tuple[int, ...]
+) -> tuple[Float[Array, "sample 3"], Float[Array, " sample"]]:
+    """Places along the silhouette edges at the border of the shadow, and the length that each stands for."""
+    ends = surface.vertices[silhouette(surface.normals, surface.triangles, axes[2])] @ axes.T
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    count = np.ceil(length / SAMPLE_MM).astype(int)
+    edge = np.repeat(np.arange(len(ends)), count)
+    number = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+    part = ((number + 0.5) / count[edge])[:, None]
+    samples = (1.0 - part) * ends[edge, 0] + part * ends[edge, 1]
     shadow = np.zeros(shape, bool)
-    places = np.concatenate([local, local[triangles].mean(axis=1)])[:, :2]
-    shadow[tuple(np.rint((places - low) / cell).astype(int).T)] = True
-    shadow = binary_closing(shadow, iterations=2)
-    inside = binary_erosion(shadow, iterations=int(np.ceil(OUTLINE_CELLS)) + 1)
-    at_border = ~inside[tuple(np.rint((middle[:, :2] - low) / cell).astype(int).T)]
-    return middle[at_border], length[at_border]
+    shadow[tuple(np.rint((surface.points @ axes[:2].T - low) / cell).astype(int).T)] = True
+    inside = binary_erosion(binary_closing(shadow, iterations=2), iterations=BORDER_CELLS)
+    at_border = ~inside[tuple(np.rint((samples[:, :2] - low) / cell).astype(int).T)]
+    return samples[at_border], (length / count)[edge][at_border]
 
 
 def _bending(shape: tuple[int, ...]) -> csr_matrix:

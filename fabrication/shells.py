@@ -1,4 +1,4 @@
-"""The outer shells: an even wall around the limb with flanges where they meet, hollowed by the core's land."""
+"""The outer shells: an even wall around the limb with flanges where they meet, hollowed by the land."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Undercuts: faces that a shell would have to move into on its way off, and the reliefs that clear small ones."""
+"""Undercuts: faces that a shell would run into on its way off, and reliefs that clear small ones."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 from manifold3d import Manifold
 
 from fabrication.bodies import body_of
-from fabrication.seams import face_normals
+from fabrication.seams import Surface
 
 Array = np.ndarray
 
@@ -19,25 +19,19 @@ EMBED_MM = 0.05
 
 
 def lean(
-    vertices: Float[Array, "vertex 3"],
-    triangles: Int[Array, "triangle 3"],
+    normals: Float[Array, "triangle 3"],
     shell_of: Int[Array, " triangle"],
     pulls: Float[Array, "shell 3"],
-) -> tuple[Float[Array, " triangle"], Float[Array, " triangle"]]:
-    """How faces stand to the pull of the shell that lies on them.
+) -> Float[Array, " triangle"]:
+    """Angle by which faces hinder the shell on them, negative where they let it go [deg].
 
     Args:
-        vertices: The surface that the shells lie on [mm].
-        triangles: Its triangles, outward.
-        shell_of: The shell on each triangle.
+        normals: Unit normals of the faces that shells lie on, outward.
+        shell_of: The shell on each.
         pulls: Unit direction in which each shell comes off.
-
-    Returns:
-        Angle by which each face hinders the shell [deg], negative where it lets it go, and its area [mm^2].
     """
-    normals, areas = face_normals(vertices, triangles)
     along = (normals * pulls[shell_of]).sum(axis=1)
-    return np.degrees(np.arcsin(np.clip(-along, -1.0, 1.0))), areas
+    return np.degrees(np.arcsin(np.clip(-along, -1.0, 1.0)))
 
 
 def undercut_areas(
@@ -52,8 +46,7 @@ def undercut_areas(
 
 
 def relief(
-    vertices: Float[Array, "vertex 3"],
-    triangles: Int[Array, "triangle 3"],
+    surface: Surface,
     hindering: Bool[Array, " triangle"],
     depth: Float[Array, " vertex"],
     pull: Float[Array, "3"],
@@ -64,9 +57,8 @@ def relief(
     run into them: the faces swept against the pull. The sweep has the very triangles of the surface.
 
     Args:
-        vertices: The surface that the shell lies on [mm].
-        triangles: Its triangles, outward.
-        hindering: Which of them hinder the shell.
+        surface: The surface that the shell lies on.
+        hindering: Which of its triangles hinder the shell.
         depth: How far each vertex lies above the parting, along the pull [mm].
         pull: Unit direction in which the shell comes off.
 
@@ -75,16 +67,14 @@ def relief(
     """
     if not hindering.any():
         return Manifold()
-    used, faces = np.unique(triangles[hindering], return_inverse=True)
+    used, faces = np.unique(surface.triangles[hindering], return_inverse=True)
     faces = faces.reshape(-1, 3)
-    top = vertices[used]
+    top = surface.vertices[used]
     bottom = top - (np.maximum(depth[used], 0.0) + EMBED_MM)[:, None] * pull
     forth = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     count = len(used)
     border = forth[~np.isin(forth[:, 0] * count + forth[:, 1], forth[:, 1] * count + forth[:, 0])]
     a, b = border.T
-    walls = np.concatenate(
-        [np.stack([a, b, b + count], axis=1), np.stack([a, b + count, a + count], axis=1)]
-    )
+    walls = np.concatenate([np.stack([a, b, b + count], axis=1), np.stack([a, b + count, a + count], axis=1)])
     shell = np.concatenate([faces[:, ::-1], faces + count, walls])
     return body_of(np.concatenate([top, bottom]), shell, "relief of a shell")

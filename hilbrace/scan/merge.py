@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -21,15 +22,17 @@ from hilbrace.scan.point_cloud import PointCloud, joined
 
 Array = np.ndarray
 
-VIEW_POINTS, GROUND_POINTS = 6_000, 60_000
+VIEW_POINTS, GROUND_POINTS = 4_000, 40_000
 """Points of the moving view and of the resting ones that are used."""
+SLICES = 12
+"""Level slices of a limb whose middles are found."""
 STEPS = 60
-SWEEPS = 4
+SWEEPS = 3
 FIRST_REACH, LAST_REACH = 30.0, 2.0
 """Farthest pairs at the start and at the end [mm]."""
 MOST_APART = 0.8
 """Cosine between normals from which a pair counts [-]."""
-STILL = 1e-4
+STILL = 1e-3
 """Move at which the search ends [mm]."""
 LEAST_OVERLAP = 0.1
 """Part of a view that must lie on the others [-]."""
@@ -74,7 +77,10 @@ def merge_views(
         ground = joined(
             [cloud.moved(m.rotation, m.shift) for cloud, m in zip(thin[:number], moves, strict=True)]
         )
-        start = _start(thin[0], thin[number], turns[number]) if turns else moves[-1]
+        start = moves[-1]
+        if turns:
+            turn = turns[number] - turns[number - 1]
+            start = _start(thin[number - 1], start, thin[number], turn)
         moves.append(_laid_on(thin[number], ground, start, FIRST_REACH))
         _check(moves[-1], names[number], turns is not None)
     for _ in range(SWEEPS if len(thin) > 2 else 0):
@@ -129,19 +135,34 @@ def _small_move(
     return turn, middle + small[3:] - turn @ middle
 
 
-def _start(first: PointCloud, view: PointCloud, turn: float) -> Move:
-    """The view turned back by the stated turn, the limb's middles on each other."""
+def _start(before: PointCloud, move: Move, view: PointCloud, turn: float) -> Move:
+    """The view turned back by its turn since the view before, with the middles of the limb on each other."""
     rotation = Rotation.from_euler("y", -turn, degrees=True).as_matrix()
-    here, there = limb_middle(first), limb_middle(view)
-    return Move(rotation, here - rotation @ there)
+    shift = limb_middle(before) - rotation @ limb_middle(view)
+    return Move(move.rotation @ rotation, move.rotation @ shift + move.shift)
 
 
 def limb_middle(cloud: PointCloud) -> Float[Array, " 3"]:
-    """Middle of the circle through a limb that is seen from one side [mm], at the camera's height."""
-    x, z = cloud.points[:, 0].astype(float), cloud.points[:, 2].astype(float)
-    rows = np.stack([x, z, np.ones_like(x)], axis=1)
-    found = np.linalg.lstsq(rows, x**2 + z**2, rcond=None)[0]
-    return np.array([found[0] / 2.0, 0.0, found[1] / 2.0])
+    """Middle of a limb that is seen from one side [mm]: median over level slices of the circle through each.
+
+    Its height is that of the camera.
+    """
+    points = cloud.points.astype(float)
+    edges = np.quantile(points[:, 1], np.linspace(0.1, 0.9, SLICES + 1))
+    centres = [
+        _circle_centre(points[(points[:, 1] >= low) & (points[:, 1] <= high)][:, [0, 2]])
+        for low, high in pairwise(edges)
+    ]
+    x, z = np.median(centres, axis=0)
+    return np.array([x, 0.0, z])
+
+
+def _circle_centre(points: Float[Array, "point 2"]) -> Float[Array, " 2"]:
+    """Centre of the circle through points of an arc, fitted to the squares of the radii (Kasa 1976)."""
+    middle = points.mean(axis=0)
+    flat = points - middle
+    rows = np.concatenate([2.0 * flat, np.ones((len(flat), 1))], axis=1)
+    return np.linalg.lstsq(rows, (flat**2).sum(axis=1), rcond=None)[0][:2] + middle
 
 
 def _check(move: Move, name: str, turned: bool) -> None:

@@ -67,7 +67,7 @@ def test_small_letters_become_capitals_and_strange_ones_spaces():
 
 
 def test_a_mark_over_the_edge_is_refused():
-    with pytest.raises(GeometryError, match="over the edge"):
+    with pytest.raises(GeometryError, match="over an edge or a hole"):
         label(
             "TOO LONG A NAME",
             np.zeros(3),

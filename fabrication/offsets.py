@@ -1,4 +1,4 @@
-"""Bodies of all points within a distance of a surface: walls of even thickness around a limb, free of folds."""
+"""Bodies of all points within a distance of a surface: walls of even thickness, free of folds."""
 
 from __future__ import annotations
 

@@ -2,8 +2,8 @@
 
 The fewest shells are taken from which the limb can be freed. Two shells are tried along pulls all around the
 limb's axis; of pulls that are as good, the one across the plane in which the limb bends is taken, so that the
-shells of a leg come off sideways. What hinders a shell is measured on every face; faces that lean a hair against
-the pull, which facets and real skin always have, are relieved, and what they cost is measured.
+shells of a leg come off sideways. What hinders a shell is measured on every face; faces that lean a hair
+against the pull, which facets and real skin always have, are relieved, and what they cost is measured.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def find_parting(casting: Casting, core: Core, settings: MoldSettings) -> Partin
     raise GeometryError(
         "the shells do not come off the limb",
         where="; ".join(refused),
-        hint="smooth hollows of the limb's surface, shorten the brace, or choose another number in mold.shells",
+        hint="smooth hollows of the limb, shorten the brace, or choose another number in mold.shells",
     )
 
 

@@ -17,6 +17,7 @@ from hilbrace.optimize.brace_response import posture_stiffness
 from hilbrace.optimize.coupling import brace_spring
 from hilbrace.optimize.design import Design
 from hilbrace.optimize.evaluate import design_variable, fraction_of
+from hilbrace.optimize.flexion_moment import moment_curves, stiffness_by_energy
 from hilbrace.optimize.history import Watch
 from hilbrace.optimize.loop import run_loop
 from hilbrace.optimize.predictions import predict
@@ -75,6 +76,8 @@ def optimize_design(
         solver = solvers.name
     response = last.mechanics.response
     stiffness, stiffness_uniform = _per_degree(problem, response.loops), _per_degree(problem, plain)
+    moduli = (last.material.modulus.numpy(), uniform.modulus.numpy())
+    curves = moment_curves(problem, loads, moduli, (stiffness / DEG, stiffness_uniform / DEG))
     predicted = predict(problem, loads, response)
     reactions = response.frames.reactions.numpy()
     return Design(
@@ -105,6 +108,10 @@ def optimize_design(
         stiffness_flexions=np.array([posture.flexion for posture in problem.postures]),
         stiffness_posed=stiffness,
         stiffness_posed_uniform=stiffness_uniform,
+        stiffness_by_energy=stiffness_by_energy(problem, moduli[0]) * DEG,
+        moment_flexions=curves.flexion,
+        moment_held=curves.held,
+        moment_free=curves.free,
         coupling=settings.coupling,
         angle_changes=predicted.angle_change,
         contact_force_change=predicted.contact_force_change,

@@ -49,6 +49,11 @@ class Design:
         stiffness_flexions: Flexion of the postures in which the stiffness was evaluated [rad].
         stiffness_posed: Stiffness about (flexion, adduction, rotation) in each posture [N*m/deg].
         stiffness_posed_uniform: The same for the uniform design [N*m/deg].
+        stiffness_by_energy: Stiffness about flexion that the energy of a small flexion gives [N*m/deg].
+        moment_flexions: Flexions of the moment curves [rad], see `hilbrace.optimize.flexion_moment`.
+        moment_held: Moment against flexion of a brace that follows the skin everywhere, of the design and of
+            the uniform one [N*m].
+        moment_free: The same of a brace that is held at its edges alone [N*m].
         coupling: Name of the coupling that the design was optimized with.
         angle_changes: Predicted change of the joint's three angles per frame [rad], by every coupling in the
             order of `COUPLINGS`; a model's prediction, not a measurement.
@@ -90,6 +95,10 @@ class Design:
     stiffness_flexions: Float[Array, " posture"]
     stiffness_posed: Float[Array, "posture 3"]
     stiffness_posed_uniform: Float[Array, "posture 3"]
+    stiffness_by_energy: float
+    moment_flexions: Float[Array, " flexion"]
+    moment_held: Float[Array, "2 flexion"]
+    moment_free: Float[Array, "2 flexion"]
     coupling: str
     angle_changes: Float[Array, "coupling frame 3"]
     contact_force_change: Float[Array, "coupling frame 3"]

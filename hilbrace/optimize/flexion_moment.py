@@ -15,12 +15,14 @@ flexion, the same neo-Hookean energy gives the same moment as ``K_c``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from hilbrace.biomech.joint_loads import JointLoads
 from hilbrace.domain.deformation import deformation_gradients
 from hilbrace.material.neo_hookean import energy_density
 from hilbrace.optimize.design import Design
@@ -50,37 +52,40 @@ _NO_MEMBRANE = 1e-9
 
 @dataclass(frozen=True)
 class MomentCurves:
-    """Moment against flexion of one brace.
+    """Moment against flexion of some braces on one domain.
 
     Attributes:
         flexion: Flexions from the smallest of the motion to the largest, the neutral pose among them [rad].
-        held: Moment of a brace that follows the skin everywhere [N*m].
-        free: Moment of one that is held at its edges alone [N*m].
+        held: Moment of each brace when it follows the skin everywhere [N*m].
+        free: Moment when it is held at its edges alone [N*m].
     """
 
     flexion: Float[Array, " flexion"]
-    held: Float[Array, " flexion"]
-    free: Float[Array, " flexion"]
+    held: Float[Array, "brace flexion"]
+    free: Float[Array, "brace flexion"]
 
 
 def moment_curves(
     problem: Problem,
-    flexion: Float[Array, " frame"],
-    modulus: Float[Array, " triangle"],
-    sagittal: Float[Array, " posture"],
+    loads: JointLoads,
+    moduli: Sequence[Float[Array, " triangle"]],
+    stiffnesses: Sequence[Float[Array, "posture 3"]],
 ) -> MomentCurves:
-    """Both moments of a brace along the motion.
+    """Both moments of braces along the motion.
 
     Args:
         problem: The design task.
-        flexion: Flexion in the frames of the design [rad].
-        modulus: Young's modulus of the triangles [MPa].
-        sagittal: Stiffness of the brace about the flexion axis in each posture [N*m/rad].
+        loads: Kinematics that it was made of.
+        moduli: Young's modulus of the triangles, for each brace [MPa].
+        stiffnesses: Stiffness about the joint's axes in each posture, for each brace [N*m/rad].
     """
+    domain, joint = problem.domain, loads.joints.index(problem.domain.joint)
+    flexion = np.interp(domain.time, loads.time, loads.angles[:, joint, FLEXION])
     grid = flexion_grid(flexion)
-    held = held_moment(grid, flexion, held_energy(problem, modulus))
     postures = np.array([posture.flexion for posture in problem.postures])
-    return MomentCurves(grid, held, free_moment(grid, postures, sagittal))
+    held = [held_moment(grid, flexion, held_energy(problem, modulus)) for modulus in moduli]
+    free = [free_moment(grid, postures, stiffness[:, FLEXION]) for stiffness in stiffnesses]
+    return MomentCurves(grid, np.stack(held), np.stack(free))
 
 
 def flexion_grid(flexion: Float[Array, " frame"]) -> Float[Array, " flexion"]:

@@ -57,14 +57,16 @@ def test_energy_and_stiffness_give_the_same_moment_at_small_flexion(problem: Pro
 
 
 def test_the_free_moment_starts_as_the_stiffness_and_the_held_one_lies_above_it(problem: Problem):
-    flexion = np.deg2rad([5.0, 32.5, 60.0, 32.5, 5.0])
-    modulus = _moduli(problem)["firm sides"]
-    curves = moment_curves(problem, flexion, modulus, _sagittal(problem, modulus))
-    first = int(np.flatnonzero(curves.flexion > 0)[0])
-    small = _sagittal(problem, modulus)[problem.rest_posture] * curves.flexion[first]
-    assert curves.free[first] == pytest.approx(small, rel=0.10)
-    assert curves.free[0] == curves.held[0] == 0.0
-    assert (curves.held[1:] > curves.free[1:]).all()
+    moduli = [*_moduli(problem).values()]
+    sagittal = [_sagittal(problem, modulus) for modulus in moduli]
+    stiffness = [np.stack([one, 0.0 * one, 0.0 * one], axis=1) for one in sagittal]
+    curves = moment_curves(problem, knee_loads(), moduli, stiffness)
+    assert np.rad2deg(curves.flexion[[0, -1]]) == pytest.approx([0.0, 60.0], abs=0.1)
+    assert not curves.free[:, 0].any()
+    assert not curves.held[:, 0].any()
+    for free, one in zip(curves.free, sagittal, strict=True):
+        assert free[1] == pytest.approx(one[problem.rest_posture] * curves.flexion[1], rel=0.10)
+    assert (curves.held[:, 1:] > curves.free[:, 1:]).all()
 
 
 def test_the_energy_of_skin_that_stretches_alike_everywhere_is_the_closed_form(problem: Problem):

@@ -158,7 +158,7 @@ class OptimizeSettings(Section):
     )
     checkpoint_every: int = Field(default=5, ge=1, description="iterations between checkpoints")
     snapshots: int = Field(
-        default=40, ge=0, le=400, description="pictures of the evolving field in its film; 0 for no film"
+        default=30, ge=0, le=400, description="pictures of the evolving field in its film; 0 for no film"
     )
 
 

@@ -6,15 +6,13 @@ speed. The skin's dual-quaternion motion cannot be written as glTF's own skinnin
 
 from __future__ import annotations
 
-import json
-import struct
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from hilbrace.domain.glb import INDICES, VERTICES, BinaryPart, container
 from hilbrace.errors import InputError
 from hilbrace.run.records import write_atomic
 
@@ -24,38 +22,6 @@ RUBBER_RGB = (0.16, 0.42, 0.60)
 """Colour of the brace [-]."""
 TO_FRONT = (0.0, -float(np.sqrt(0.5)), 0.0, float(np.sqrt(0.5)))
 """Quaternion that turns OpenSim's forward x onto glTF's forward z."""
-
-_FLOAT, _UNSIGNED = 5126, 5125
-_VERTICES, _INDICES = 34962, 34963
-
-
-@dataclass
-class _Binary:
-    """The binary part of a file under construction: views and accessors into one buffer."""
-
-    data: bytearray = field(default_factory=bytearray)
-    views: list[dict[str, int]] = field(default_factory=list)
-    accessors: list[dict[str, Any]] = field(default_factory=list)
-
-    def add(self, values: Array, kind: str, target: int | None = None, bounds: bool = False) -> int:
-        """Append an array of one or three columns and return the number of its accessor."""
-        raw = np.ascontiguousarray(values, dtype="<u4" if values.dtype.kind in "iu" else "<f4")
-        view = {"buffer": 0, "byteOffset": len(self.data), "byteLength": raw.nbytes}
-        if target is not None:
-            view["target"] = target
-        accessor: dict[str, Any] = {
-            "bufferView": len(self.views),
-            "componentType": _UNSIGNED if raw.dtype.kind == "u" else _FLOAT,
-            "count": len(raw),
-            "type": kind,
-        }
-        if bounds:
-            rows = raw.reshape(len(raw), -1)
-            accessor |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
-        self.data += raw.tobytes()
-        self.views.append(view)
-        self.accessors.append(accessor)
-        return len(self.accessors) - 1
 
 
 def write_animation(
@@ -97,19 +63,19 @@ def animation_bytes(
             where="animation of the brace",
             hint="give at least one frame, each later than the one before",
         )
-    binary = _Binary()
+    binary = BinaryPart()
     normal = vertex_normals(rest, triangles)
     primitive = {
         "attributes": {
-            "POSITION": binary.add(rest, "VEC3", _VERTICES, bounds=True),
-            "NORMAL": binary.add(normal, "VEC3", _VERTICES),
+            "POSITION": binary.add(rest, "VEC3", VERTICES, bounds=True),
+            "NORMAL": binary.add(normal, "VEC3", VERTICES),
         },
-        "indices": binary.add(triangles.reshape(-1), "SCALAR", _INDICES),
+        "indices": binary.add(triangles.reshape(-1), "SCALAR", INDICES),
         "material": 0,
         "targets": [
             {
-                "POSITION": binary.add(points - rest, "VEC3", _VERTICES, bounds=True),
-                "NORMAL": binary.add(vertex_normals(points, triangles) - normal, "VEC3", _VERTICES),
+                "POSITION": binary.add(points - rest, "VEC3", VERTICES, bounds=True),
+                "NORMAL": binary.add(vertex_normals(points, triangles) - normal, "VEC3", VERTICES),
             }
             for points in posed
         ],
@@ -122,7 +88,7 @@ def animation_bytes(
         "bufferViews": binary.views,
         "accessors": binary.accessors,
     }
-    return _container(document, bytes(binary.data))
+    return container(document, bytes(binary.data))
 
 
 def vertex_normals(
@@ -166,20 +132,3 @@ def _document(primitive: dict[str, Any], names: list[str], clock: int, shares: i
             }
         ],
     }
-
-
-def _container(document: dict[str, Any], data: bytes) -> bytes:
-    """JSON and binary chunk of a ``.glb`` file, each filled up to four bytes."""
-    text = json.dumps(document, sort_keys=True, separators=(",", ":")).encode("ascii")
-    text += b" " * (-len(text) % 4)
-    data += b"\0" * (-len(data) % 4)
-    total = 12 + 8 + len(text) + 8 + len(data)
-    return b"".join(
-        [
-            struct.pack("<4sII", b"glTF", 2, total),
-            struct.pack("<I4s", len(text), b"JSON"),
-            text,
-            struct.pack("<I4s", len(data), b"BIN\0"),
-            data,
-        ]
-    )

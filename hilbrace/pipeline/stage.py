@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hilbrace.config import Config
-from hilbrace.run.progress import Report
+from hilbrace.run.progress import DetailedReport
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Inputs:
         records: Records of the stages before, by stage name.
         metrics: Metrics of the stages before, by group.
         key: The stage's key; a checkpoint made under another key is of no use.
-        progress: Called with (done, total).
+        progress: Called with (done, total), and a line about it if there is one.
     """
 
     config: Config
@@ -29,7 +29,7 @@ class Inputs:
     records: dict[str, Any]
     metrics: dict[str, dict[str, Any]]
     key: str
-    progress: Report
+    progress: DetailedReport
 
 
 @dataclass(frozen=True)

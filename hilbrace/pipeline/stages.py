@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +16,7 @@ from hilbrace.biomech.muscle_tables import write_muscle_tables
 from hilbrace.biomech.muscles import MOVED
 from hilbrace.body.body import Body
 from hilbrace.body.build import build_body
+from hilbrace.config import Config, departures
 from hilbrace.domain.animation import write_animation
 from hilbrace.domain.build import build_domain
 from hilbrace.domain.distortion import advice, map_distortion
@@ -27,7 +29,9 @@ from hilbrace.motion.trial import Trial
 from hilbrace.motion.trial_reader import read_trial
 from hilbrace.optimize.build import optimize_design
 from hilbrace.optimize.design import LOSSES, Design
-from hilbrace.optimize.history import write_history_csv, write_history_picture
+from hilbrace.optimize.film import write_film, write_film_glb
+from hilbrace.optimize.flexion_moment import moment_figures
+from hilbrace.optimize.history import told, write_history_csv, write_history_picture
 from hilbrace.optimize.predictions import prediction_figures
 from hilbrace.pattern.build import build_pattern, build_solid
 from hilbrace.pattern.export import write_surface
@@ -143,15 +147,41 @@ def optimize(inputs: Inputs) -> Outcome:
         config.pattern,
         checkpoint=inputs.folder / "checkpoint.npz",
         key=inputs.key,
-        progress=inputs.progress,
+        watches=(lambda now: inputs.progress(now.iteration, now.iterations, told(now)),),
     )
     table = inputs.folder / "history.csv"
     write_history_csv(design, table)
     course = inputs.folder / "history.png"
     write_history_picture(design, course)
+    films = _films(inputs, design)
     figures = _design_figures(design, seconds)
+    figures["optimize"] |= _course_figures(config, design)
     figures["brace"] |= prediction_figures(design, inputs.records["biomech"], inputs.records["domain"])
-    return Outcome(design, (table, course), figures)
+    figures["brace"] |= moment_figures(design)
+    return Outcome(design, (table, course, *films), figures)
+
+
+def _course_figures(config: Config, design: Design) -> dict[str, object]:
+    """What the design was asked for beyond its losses, and how its loop ended."""
+    out_of_patience = design.iterations < config.optimize.iterations
+    return {
+        "preset": config.preset,
+        "preset_departures": list(departures(config.preset, config)),
+        "field": config.optimize.field,
+        "volume": config.optimize.volume,
+        "ended": "patience" if out_of_patience else "iterations",
+        "snapshots": len(design.film),
+    }
+
+
+def _films(inputs: Inputs, design: Design) -> tuple[Path, ...]:
+    """The evolving field as a film to look at and one to turn; none where no snapshots were kept."""
+    if not len(design.film):
+        return ()
+    flat, turnable = inputs.folder / "film.gif", inputs.folder / "film.glb"
+    write_film(inputs.records["domain"], design, flat)
+    write_film_glb(inputs.records["domain"], design, turnable)
+    return flat, turnable
 
 
 def pattern(inputs: Inputs) -> Outcome:
@@ -313,7 +343,7 @@ STAGES: tuple[Stage, ...] = (
     Stage("body", ("motion",), ("body",), Body, body),
     Stage("biomech", ("motion", "body"), ("biomech", "motion"), JointLoads, biomech),
     Stage("domain", ("body", "biomech"), ("domain",), Domain, domain),
-    Stage("optimize", ("biomech", "domain"), ("optimize", "material", "pattern"), Design, optimize),
+    Stage("optimize", ("biomech", "domain"), ("optimize", "material", "pattern", "preset"), Design, optimize),
     Stage("pattern", ("domain", "optimize"), ("pattern", "material"), Pattern, pattern),
     Stage("solid", ("domain", "optimize", "pattern"), ("solid", "material"), Solid, solid),
     Stage(

@@ -15,6 +15,10 @@ from fabrication.core import build_core
 from fabrication.filling import plan
 from fabrication.fixtures.luer import placed_luer_port
 from fabrication.fixtures.stand import base
+from fabrication.flanges import flange_places
+from fabrication.hardware import shopping_list
+from fabrication.joints import find_joints, joined
+from fabrication.marking import marked
 from fabrication.mold import Casting, Mold, Piece
 from fabrication.parting import find_parting
 from fabrication.print_pose import pose_pieces
@@ -28,8 +32,6 @@ Step = Callable[[str], AbstractContextManager[object]]
 Array = np.ndarray
 
 CORE_COLOUR = (0.84, 0.82, 0.77)
-MARK_MM = 9.0
-"""Size of the letters on the pieces [mm]."""
 
 
 def quietly(name: str) -> AbstractContextManager[object]:
@@ -58,17 +60,24 @@ def build_mold(casting: Casting, settings: MoldSettings, step: Step = quietly) -
     with step("filling"):
         filling, vents = plan(casting, core, shells, settings)
         boss, bore = placed_luer_port(filling.port, filling.inlet, settings.wall_mm)
-        channels = (bore.body(), *vents)
     with step("fixtures"):
+        joints = find_joints(flange_places(casting, parting, settings), settings)
         stand = base(core, casting, settings, shells)
-        at_port = _at(shells, filling.port + 0.5 * settings.wall_mm * filling.inlet)
+        ported = _at(shells, filling.port + 0.5 * settings.wall_mm * filling.inlet).name
+        drills = [bore.body(), *vents]
         shells = tuple(
-            _added(shell, [boss.body() - core.land]) if shell is at_port else shell for shell in shells
+            _fitted(
+                piece,
+                adders=[boss.body() - core.land] if piece.name == ported else [],
+                cutters=[*drills, *_given(stand.shell_cutters, piece.name)],
+            )
+            for piece in shells
         )
-        shells = tuple(_cut(shell, [*channels, *_given(stand.shell_cutters, shell.name)]) for shell in shells)
-        solid = _less(core.solid, [*vents, stand.core_cutter])
-    inner = Piece("core", "Core", "core", solid, None, np.eye(3), CORE_COLOUR)
-    pieces = (inner, *shells, stand.piece)
+        inner = Piece("core", "Core", "core", core.solid, None, np.eye(3), CORE_COLOUR)
+        inner = _fitted(inner, [], [*vents, stand.core_cutter])
+        pieces = joined((inner, *shells), joints)
+    with step("marks"):
+        pieces = (*marked(pieces, casting, core.axis), stand.piece)
     with step("poses"):
         pieces = pose_pieces(pieces, printer, core.axis)
     return Mold(
@@ -76,12 +85,12 @@ def build_mold(casting: Casting, settings: MoldSettings, step: Step = quietly) -
         core=core,
         pieces=pieces,
         filling=filling,
-        hardware=(),
+        hardware=shopping_list(joints.hardware),
         undercut=parting.undercut_mm2,
         undercut_deg=parting.undercut_deg,
         shell_of=parting.shell_of,
-        channels=channels,
-        drawn=(boss, bore, *stand.placed),
+        channels=(bore.body(), *vents),
+        drawn=(boss, bore, *joints.drawn, *stand.placed),
     )
 
 
@@ -95,19 +104,15 @@ def _given(cutters: dict[str, Manifold], name: str) -> list[Manifold]:
     return [cutters[name]] if name in cutters else []
 
 
-def _added(piece: Piece, bodies: Sequence[Manifold]) -> Piece:
-    return replace(piece, solid=_forced(piece.solid + Manifold.batch_boolean(list(bodies), OpType.Add)))
+def _fitted(piece: Piece, adders: Sequence[Manifold], cutters: Sequence[Manifold]) -> Piece:
+    """A piece with what its fixtures add to it and then take from it, computed now.
 
-
-def _cut(piece: Piece, cutters: Sequence[Manifold]) -> Piece:
-    return replace(piece, solid=_less(piece.solid, cutters))
-
-
-def _less(solid: Manifold, cutters: Sequence[Manifold]) -> Manifold:
-    return _forced(solid - Manifold.batch_boolean(list(cutters), OpType.Add)) if cutters else solid
-
-
-def _forced(solid: Manifold) -> Manifold:
-    """The same body, computed now: pending operations would be flattened into slower ones."""
-    solid.volume()
-    return solid
+    Pending operations would be flattened into slower ones.
+    """
+    solid = piece.solid
+    for bodies, operation in ((adders, OpType.Add), (cutters, OpType.Subtract)):
+        full = [body for body in bodies if not body.is_empty()]
+        if full:
+            solid = Manifold.batch_boolean([solid, *full], operation)
+            solid.volume()
+    return replace(piece, solid=solid)

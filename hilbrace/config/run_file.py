@@ -94,6 +94,12 @@ def _check_angles(config: Config, where: str) -> None:
     """Angles to preserve and prevent must be angles of the braced joint, each named once in all."""
     joint = config.domain.joint
     preserve, prevent = controlled_angles(config.optimize, joint)
+    if not preserve + prevent:
+        raise ConfigError(
+            "'optimize.preserve' and 'optimize.prevent' are both empty: the brace would have nothing to do",
+            where=where,
+            hint=f"name angles of the {joint} in one of the two: {', '.join(ANGLES[joint])}",
+        )
     for key, names in (("preserve", preserve), ("prevent", prevent)):
         for name in names:
             if name not in ANGLES[joint]:

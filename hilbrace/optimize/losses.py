@@ -67,9 +67,14 @@ def elastic_energy(
 
 
 def compliance(energies: Float[Tensor, " frame"], exponent: float) -> Float[Tensor, ""]:
-    """L3: half the p-norm over the frames of the compliance (``energies`` are ``F.U / 2``), Eq. 2."""
+    """L3: half the p-norm over the frames of the compliance (``energies`` are ``F.U / 2``), Eq. 2.
+
+    Frames without load count nothing; if there are no others, the loss is zero.
+    """
     doubled = 2.0 * energies
     largest = doubled.max().detach()
+    if not largest > 0.0:
+        return energies.sum()
     return 0.5 * largest * ((doubled / largest) ** exponent).sum() ** (1.0 / exponent)
 
 

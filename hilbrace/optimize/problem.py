@@ -26,6 +26,7 @@ from hilbrace.material.neo_hookean import worst_energy_density
 from hilbrace.material.segmentation import Method
 from hilbrace.material.strut_width import cell_scale, map_length, maximum_width, minimum_width
 from hilbrace.optimize.joint_response import FLEXION, JointMotion, joint_motion
+from hilbrace.optimize.task_checks import check_loaded, check_moves
 from hilbrace.shell import (
     LoadPattern,
     ShellFamily,
@@ -144,6 +145,10 @@ def build_problem(
         settings: The optimizer's settings.
         material: The rubber and its microstructures.
         pattern: Scale, limits of casting and rims.
+
+    Raises:
+        InputError: The motion moves no angle that is to be preserved, or loads the joint in no frame though
+            the design asks for its load.
     """
     length = map_length(domain.vertices, domain.triangles, domain.uv, domain.cut_triangles)
     corner_uv = domain.uv[domain.cut_triangles]
@@ -161,6 +166,9 @@ def build_problem(
     kind = domain.joint.split("_")[0]
     preserve, prevent = controlled_angles(settings, kind)
     passive = passive_stiffness(settings, kind)
+    motion = joint_motion(loads, domain.joint, passive, settings.muscle_stiffness)
+    kept = [ANGLES[kind].index(name) for name in preserve]
+    check_moves(motion.angles[:, kept].numpy(), preserve, domain.joint)
     return Problem(
         domain=domain,
         triangles=_place(corner_uv.mean(axis=1), length, settings, domain),
@@ -177,8 +185,8 @@ def build_problem(
             worst_energy_density(domain.deformation, material.poisson, material.lame)
         ),
         segmentation=material.segmentation,
-        motion=joint_motion(loads, domain.joint, passive, settings.muscle_stiffness),
-        preserve=tuple(map(ANGLES[kind].index, preserve)),
+        motion=motion,
+        preserve=tuple(kept),
         prevent=tuple(map(ANGLES[kind].index, prevent)),
         postures=_postures(loads, domain, rest),
         shapes=_shapes(domain, rest, settings),
@@ -253,6 +261,8 @@ def _load(loads: JointLoads, domain: Domain, settings: OptimizeSettings) -> Load
     force = np.stack(
         [np.interp(domain.time, loads.time, loads.acting_force[:, joint, axis]) for axis in range(3)], axis=1
     )
+    if settings.coupling == "paper" or settings.weights.compliance > 0.0:
+        check_loaded(force, domain.joint)
     shares = joint_line_shares(domain.vertices, domain.triangles, settings.load_window_mm)
     return LoadPattern(shares, torch.from_numpy(settings.load_share * force))
 

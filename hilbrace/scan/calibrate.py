@@ -158,7 +158,7 @@ def _together(seen: Sequence[SeenBoard], board: Board, camera: Lens, projector: 
 def _lens(
     seen: Sequence[SeenBoard],
     board: Board,
-    pixels: Sequence[Float[Array, "corner 2"]],
+    pixels: Sequence[Float[Array, "_ 2"]],
     size: tuple[int, int],
     name: str,
 ) -> tuple[Lens, Float[Array, " pose"]]:
@@ -194,7 +194,7 @@ def _five(distortion: object) -> Float[Array, " coefficient"]:
     return np.asarray(distortion, dtype=float).ravel()[:5]
 
 
-def _places(seen: Sequence[SeenBoard], board: Board) -> list[Float[Array, "corner 3"]]:
+def _places(seen: Sequence[SeenBoard], board: Board) -> list[Float[Array, "_ 3"]]:
     return [board.corner_places(pose.numbers).astype(np.float32) for pose in seen]
 
 

@@ -166,7 +166,7 @@ def _from_tables(content: dict[str, Any]) -> Calibration:
         board=str(content["board"]),
         poses=tuple(
             Pose(str(p["folder"]), int(p["corners"]), float(p["camera_px"]), float(p["projector_px"]))
-            for p in content["pose"]
+            for p in content.get("pose", [])
         ),
         rms_px=float(content["rms_px"]),
     )

@@ -49,3 +49,15 @@ def extent(solid: Manifold) -> Float[Array, "3"]:
     """Size of a body's bounding box along x, y and z [mm]."""
     box = np.asarray(solid.bounding_box(), dtype=float)
     return box[3:] - box[:3]
+
+
+def vertex_normals(
+    vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]
+) -> Float[Array, "vertex 3"]:
+    """Unit normals at the vertices, weighed by area; zero where the triangles cancel out [-]."""
+    corners = vertices[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(total, triangles[:, corner], normals)
+    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)

@@ -13,7 +13,7 @@ from manifold3d import Manifold, OpType
 
 from fabrication.core import build_core
 from fabrication.filling import plan
-from fabrication.fixtures.luer import placed_luer_port
+from fabrication.fixtures.luer import placed_luer_port, syringe_room
 from fabrication.fixtures.stand import base
 from fabrication.flanges import flange_places
 from fabrication.hardware import shopping_list
@@ -61,16 +61,14 @@ def build_mold(casting: Casting, settings: MoldSettings, step: Step = quietly) -
         filling, vents = plan(casting, core, shells, settings)
         boss, bore = placed_luer_port(filling.port, filling.inlet, settings.wall_mm)
     with step("fixtures"):
-        joints = find_joints(flange_places(casting, parting, settings), settings)
-        stand = base(core, casting, settings, shells)
+        joints = find_joints(flange_places(casting, core, parting, settings), settings)
         ported = _at(shells, filling.port + 0.5 * settings.wall_mm * filling.inlet).name
-        drills = [bore.body(), *vents]
+        out_of_core = [boss.body() - core.land]
+        shells = tuple(_fitted(piece, out_of_core if piece.name == ported else [], []) for piece in shells)
+        syringe = syringe_room(filling.port, filling.inlet, settings.wall_mm)
+        stand = base(core, casting, settings, shells, [syringe])
         shells = tuple(
-            _fitted(
-                piece,
-                adders=[boss.body() - core.land] if piece.name == ported else [],
-                cutters=[*drills, *_given(stand.shell_cutters, piece.name)],
-            )
+            _fitted(piece, [], [bore.body(), *vents, *_given(stand.shell_cutters, piece.name)])
             for piece in shells
         )
         inner = Piece("core", "Core", "core", core.solid, None, np.eye(3), CORE_COLOUR)

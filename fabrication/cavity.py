@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from manifold3d import Manifold, OpType
 
 from fabrication.bodies import body_of
-from fabrication.ends import border_loops
+from fabrication.ends import border_loops, find_ends
 from fabrication.mold import Casting, Mold
 
 Array = np.ndarray
@@ -84,7 +84,10 @@ def room_of(casting: Casting) -> Manifold:
         a, b = loop, np.roll(loop, -1)
         walls += [np.stack([b, a, a + count], axis=1), np.stack([b, a + count, b + count], axis=1)]
     triangles = np.concatenate([casting.triangles, casting.triangles[:, ::-1] + count, *walls])
-    return body_of(np.concatenate([top, bottom]), triangles, "room of the cavity")
+    room = body_of(np.concatenate([top, bottom]), triangles, "room of the cavity")
+    for end in () if casting.flat else find_ends(casting):
+        room = end.trim(room)
+    return room
 
 
 def _parts(mold: Mold) -> int:
@@ -98,7 +101,9 @@ def _depth_error(mold: Mold) -> float:
     casting = mold.casting
     if casting.covered is None:
         return 0.0
-    chosen = np.flatnonzero(casting.covered)
+    chosen = np.flatnonzero(_inside(casting.triangles, casting.covered))
+    if not len(chosen):
+        return 0.0
     chosen = chosen[np.linspace(0, len(chosen) - 1, min(RAYS, len(chosen))).astype(int)]
     corners = casting.triangles[chosen]
     way = casting.direction[corners].mean(axis=1)
@@ -110,6 +115,13 @@ def _depth_error(mold: Mold) -> float:
     shells = [piece.solid for piece in mold.of("shell")]
     depth = _first_hit(cores, middle, middle - reach) + _first_hit(shells, middle, middle + reach)
     return float(np.quantile(np.abs(depth - thickness), 0.99))
+
+
+def _inside(triangles: Array, covered: Array) -> Bool[Array, " triangle"]:
+    """Covered triangles that touch no other: away from the grooves' drafted walls."""
+    bare = np.zeros(int(triangles.max()) + 1, bool)
+    bare[triangles[~covered]] = True
+    return covered & ~bare[triangles].any(axis=1)
 
 
 def _first_hit(bodies: Sequence[Manifold], starts: Array, ends: Array) -> Float[Array, " ray"]:

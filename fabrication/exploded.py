@@ -12,7 +12,7 @@ Array = np.ndarray
 PULLED = 0.45
 """Way of a shell along its pull, in widths of the mold."""
 
-SPREAD = 0.35
+SPREAD = 0.25
 """Way apart along the mold's axis, in distances from its middle."""
 
 
@@ -38,4 +38,4 @@ def exploded(mold: Mold) -> dict[str, Float[Array, "3"]]:
 def _way(piece: Piece, axis: Array) -> Array:
     if piece.pull is not None:
         return piece.pull
-    return -0.4 * axis if piece.kind == "base" else np.zeros(3)
+    return -0.1 * axis if piece.kind == "base" else np.zeros(3)

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from manifold3d import Manifold
 from scipy.spatial import KDTree
 
-from fabrication.bodies import mesh_of
+from fabrication.bodies import mesh_of, vertex_normals
 from fabrication.mold import Casting, Core, Filling, Piece
 from hilbrace.config.mold import MoldSettings
 from hilbrace.errors import GeometryError
@@ -85,7 +85,7 @@ def find_maxima(
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     summit = _summits(level, edges)
     depth = _persistence(level, edges, summit)
-    upward = _vertex_normals(vertices, triangles) @ up > 0
+    upward = vertex_normals(vertices, triangles) @ up > 0
     found = [
         Maximum(vertex, vertices[vertex], value)
         for vertex, value in depth.items()
@@ -247,12 +247,3 @@ def _persistence(level: Array, edges: Array, summit: Array) -> dict[int, float]:
             depth[low] = float(level[low] - saddle[index])
             parent[low] = high
     return depth | {vertex: np.inf for vertex in parent if root(vertex) == vertex}
-
-
-def _vertex_normals(vertices: Array, triangles: Array) -> Float[Array, "vertex 3"]:
-    corners = vertices[triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    total = np.zeros_like(vertices)
-    for corner in range(3):
-        np.add.at(total, triangles[:, corner], normals)
-    return total

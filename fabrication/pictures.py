@@ -39,6 +39,13 @@ PIXELS = 900
 
 DPI = 150
 
+SHOWN_MM = 0.2
+"""How far the coloured faces lie before the shells that they belong to [mm]."""
+
+LEAN_DEG = (-90, -30, -10, -3, 0, 1, 5, 90)
+LEAN_COLOURS = ("#1f6f5c", "#4d9f86", "#8cc7ad", "#d3e8dc", "#f6e7b4", "#eda35f", "#c0392b")
+"""Steps of the lean against the pull and their colours."""
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -110,7 +117,7 @@ def exploded_view(scene: Scene) -> Figure:
     """All pieces drawn apart, with their names."""
     ways = exploded(scene.mold)
     parts = {name: moved(body, ways[name]) for name, body in scene.bodies.items()}
-    figure, axes = canvas(scene.view, parts.values(), margin=(0.16, 0.05))
+    figure, axes = canvas(scene.view, parts.values(), margin=(0.04, 0.06))
     paint(axes, scene.view, parts.values())
     for piece in scene.mold.pieces:
         if piece.kind != "fixture":
@@ -119,33 +126,83 @@ def exploded_view(scene: Scene) -> Figure:
 
 
 def undercut_map(scene: Scene) -> Figure:
-    """The inner face of each shell as its core sees it, coloured by how it stands to the pull."""
+    """How every face of the shells stands to the pull: the inside of each shell, and all of it unrolled."""
     mold = scene.mold
     shells = _shell_groups(mold)
-    figure = Figure(figsize=(3.4 * len(shells) + 1.2, 5.4), layout="constrained")
-    steps = [-90, -30, -10, -3, 0, 1, 5, 90]
-    colours = ListedColormap(["#1f6f5c", "#4d9f86", "#8cc7ad", "#d3e8dc", "#f6e7b4", "#eda35f", "#c0392b"])
-    norm = BoundaryNorm(steps, colours.N)
+    figure = Figure(figsize=(9.0, 7.4), layout="constrained")
+    grid = figure.add_gridspec(2, len(shells), height_ratios=(1.0, 0.62))
+    colours, norm = ListedColormap(LEAN_COLOURS), BoundaryNorm(LEAN_DEG, len(LEAN_COLOURS))
     for number, pieces in enumerate(shells):
         pull = pieces[0].pull
         if pull is None:
             continue
-        view = view_from(-pull, mold.core.axis)
-        chosen = mold.shell_of == number if len(mold.shell_of) else np.zeros(0, bool)
+        view = view_from(-pull, _upright(mold, pull))
+        chosen = mold.shell_of == number
         tones = np.asarray(colours(norm(mold.undercut_deg[chosen])))[:, :3]
-        surface = mold.casting.outer - 0.05 * mold.casting.direction
+        surface = mold.casting.outer - SHOWN_MM * mold.casting.direction
         face = Drawn(surface, mold.casting.triangles[chosen][:, ::-1], tones)
         bodies = [plain(scene.bodies[piece.name]) for piece in pieces]
-        axes = figure.add_subplot(1, len(shells), number + 1)
+        axes = figure.add_subplot(grid[0, number])
         frame(axes, view, bodies, (0.02, 0.02))
-        paint(axes, view, [*bodies, face])
-        area = mold.undercut.get(pieces[0].name.split("_part")[0], 0.0)
-        title = pieces[0].title.split(",")[0] if len(pieces) > 1 else pieces[0].title
-        axes.set_title(f"{title}: {area:.0f} mm² undercut", fontsize=9, color=INK)
-    bar = figure.colorbar(ScalarMappable(norm, colours), ax=figure.axes, shrink=0.7, pad=0.02)
-    bar.set_label("lean against the pull [deg]: green comes off, red hinders", fontsize=8, color=INK)
-    bar.ax.tick_params(labelsize=8)
+        paint(axes, view, [*bodies, face], pixels=600)
+        axes.set_title(f"inside of {_shell_title(pieces)}", fontsize=9, color=INK)
+    _unrolled(figure.add_subplot(grid[1, :]), mold, shells, colours, norm)
+    bar = figure.colorbar(ScalarMappable(norm, colours), ax=figure.axes, shrink=0.6, pad=0.02)
+    bar.set_label("lean against the pull [deg]: green comes off, red hinders", fontsize=9, color=INK)
     return figure
+
+
+def _unrolled(axes: Axes, mold: Mold, shells: list[list[Piece]], colours: object, norm: BoundaryNorm) -> None:
+    """The worst lean in each small patch, by angle around the limb and height along it."""
+    casting = mold.casting
+    axis = mold.core.axis / np.linalg.norm(mold.core.axis)
+    first = shells[0][0].pull
+    start = _upright(mold, axis) if first is None else first - (first @ axis) * axis
+    if mold.casting.flat:
+        start = np.cross(axis, casting.direction.mean(axis=0))
+    start = start / np.linalg.norm(start)
+    side = np.cross(axis, start)
+    places = casting.outer[casting.triangles].mean(axis=1)
+    height = places @ axis
+    line = casting.centreline
+    order = np.argsort(line @ axis)
+    centre = np.stack([np.interp(height, (line @ axis)[order], line[order, k]) for k in range(3)], axis=1)
+    away = places - centre
+    if casting.flat:
+        across, label = places @ start, "across [mm]"
+    else:
+        across = np.rad2deg(np.arctan2(away @ side, away @ start)) % 360
+        label = "angle around the limb [deg]"
+    columns = np.linspace(across.min(), across.max(), 181)
+    rows = np.linspace(height.min(), height.max(), 90)
+    worst = np.full((len(rows) - 1, len(columns) - 1), -np.inf)
+    place = np.searchsorted(rows[1:-1], height), np.searchsorted(columns[1:-1], across)
+    np.maximum.at(worst, place, mold.undercut_deg)
+    shown = np.ma.masked_where(~np.isfinite(worst), worst)
+    axes.pcolormesh(columns, rows, shown, cmap=colours, norm=norm, rasterized=True)
+    owner = np.full(worst.shape, np.nan)
+    owner[place] = mold.shell_of
+    middles = 0.5 * (columns[1:] + columns[:-1]), 0.5 * (rows[1:] + rows[:-1])
+    if len(shells) > 1:
+        levels = np.arange(len(shells) - 1) + 0.5
+        axes.contour(*middles, np.nan_to_num(owner), levels=levels, colors=INK, linewidths=1.0)
+    total = sum(mold.undercut.values())
+    axes.set_title(f"unrolled; lines part the shells; {total:.0f} mm² undercut in all", fontsize=9, color=INK)
+    axes.set(xlabel=label, ylabel="height [mm]")
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _upright(mold: Mold, pull: Array) -> Array:
+    """The mold's axis, or any direction across a pull that runs along it."""
+    axis = mold.core.axis
+    if abs(axis @ pull) < 0.95 * np.linalg.norm(axis):
+        return axis
+    return np.eye(3)[int(np.argmin(np.abs(pull)))]
+
+
+def _shell_title(pieces: list[Piece]) -> str:
+    """A shell's title without the number of its part."""
+    return pieces[0].title.split(", part")[0].lower()
 
 
 def step_core(scene: Scene) -> Figure:
@@ -229,12 +286,10 @@ def frame(
     return float(left), float(right), float(bottom), float(top)
 
 
-def paint(axes: Axes, view: View, bodies: Iterable[Drawn]) -> None:
-    """Draw bodies into axes whose limits are set."""
+def paint(axes: Axes, view: View, bodies: Iterable[Drawn], pixels: int = PIXELS) -> None:
+    """Draw bodies into axes whose limits are set, so many pixels along the longer side."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    figure = axes.get_figure()
-    inches = max(figure.get_size_inches()) if figure is not None else 6.0
-    resolution = inches * DPI / max(right - left, top - bottom)
+    resolution = pixels / max(right - left, top - bottom)
     image = draw(list(bodies), view, (left, right, bottom, top), resolution)
     axes.imshow(np.clip(image, 0, 1), extent=(left, right, bottom, top), interpolation="none", zorder=1)
     axes.set(xlim=(left, right), ylim=(bottom, top))
@@ -278,23 +333,18 @@ def _same_way(first: Piece, second: Piece) -> bool:
 
 
 def _name(axes: Axes, view: View, piece: Piece, body: Drawn) -> None:
-    """A piece's title beside it, on the side where there is room."""
+    """A piece's title above it."""
     flat = view.flat(body.vertices)
-    centre = 0.5 * (flat.min(axis=0) + flat.max(axis=0))
-    (left, right), _ = axes.get_xlim(), axes.get_ylim()
-    on_left = centre[0] < 0.5 * (left + right) - 1.0
-    edge = flat[:, 0].min() if on_left else flat[:, 0].max()
-    axes.annotate(
+    axes.text(
+        0.5 * (flat[:, 0].min() + flat[:, 0].max()),
+        flat[:, 1].max() + 3.0,
         piece.title,
-        xy=(edge + (0.12 if on_left else -0.12) * np.ptp(flat[:, 0]), centre[1]),
-        xytext=(left + 0.01 * (right - left) if on_left else right - 0.01 * (right - left), centre[1]),
-        ha="left" if on_left else "right",
-        va="center",
+        ha="center",
+        va="bottom",
         fontsize=9,
         color=INK,
         zorder=4,
-        bbox={"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "#c9d1d6", "linewidth": 0.6},
-        arrowprops={"arrowstyle": "-", "color": INK, "linewidth": 0.7},
+        bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
     )
 
 

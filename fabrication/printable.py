@@ -1,7 +1,8 @@
 """Pieces as a printer gets them: standing on the bed, in single precision, and watertight in it.
 
-Single precision can press two vertices into one; what is exported is therefore checked after the rounding,
-on the very numbers that a slicer will read.
+Where two faces lie within a rounding error of each other, single precision presses vertices into one, and
+whoever reads the file sees edges with four triangles. Such vertices are moved apart, two thousandths of a
+millimetre into the piece. What is exported is checked after the rounding, on the numbers that a slicer reads.
 """
 
 from __future__ import annotations
@@ -9,18 +10,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int
-from manifold3d import Manifold
+from jaxtyping import Bool, Float32, Int
 
-from fabrication.bodies import mesh_of
+from fabrication.bodies import mesh_of, vertex_normals
 from fabrication.mold import Piece
 from hilbrace.errors import GeometryError
 
 Array = np.ndarray
 
-TOLERANCES_MM = (1e-4, 1e-3, 1e-2)
-"""How far surfaces may move so that no two vertices become one in single precision: the first that does it
-[mm]. A printer is a hundred times coarser than the last."""
+SIMPLIFY_MM = 0.005
+"""How far surfaces may move when needles are given up [mm]: a tenth of what printers can show."""
+
+APART_MM = 2e-3
+"""How far vertices that would become one are moved apart, into the piece [mm]."""
+
+ROUNDS = 6
+"""How often vertices are moved apart before a piece counts as beyond help."""
 
 
 @dataclass(frozen=True)
@@ -59,18 +64,14 @@ def printable(piece: Piece) -> Printable:
     middle = 0.5 * (low + high)
     solid = solid.translate((-middle[0], -middle[1], -low[2]))
     bodies = [part.volume() for part in solid.decompose()]
-    vertices, triangles, opened = _rounded(solid, TOLERANCES_MM[0])
-    for tolerance in TOLERANCES_MM[1:]:
-        if opened == 0:
-            break
-        vertices, triangles, opened = _rounded(solid, tolerance)
+    vertices, triangles = weld(_apart(*mesh_of(solid.simplify(SIMPLIFY_MM))))
     return Printable(
         piece,
         vertices,
         triangles,
         parts=sum(volume > 0 for volume in bodies),
         voids=sum(volume <= 0 for volume in bodies),
-        open_edges=opened,
+        open_edges=open_edges(triangles),
         volume_mm3=_volume(vertices, triangles),
     )
 
@@ -120,10 +121,29 @@ def read_stl(content: bytes) -> Float32[Array, "triangle 3 3"]:
     return np.frombuffer(content, kind, offset=84)["corners"]
 
 
-def _rounded(solid: Manifold, tolerance_mm: float) -> tuple[Array, Array, int]:
-    vertices, triangles = mesh_of(solid.simplify(tolerance_mm))
-    points, corners = weld(vertices.astype("<f4")[triangles])
-    return points, corners, open_edges(corners)
+def _apart(vertices: Array, triangles: Array) -> Float32[Array, "triangle 3 3"]:
+    """Corners of the triangles in single precision, no two vertices at one place."""
+    rounded = vertices.astype("<f4")
+    inward = None
+    for _ in range(ROUNDS):
+        twins = _twins(rounded)
+        if not twins.any():
+            break
+        if inward is None:
+            inward = -vertex_normals(vertices, triangles)
+        places = rounded.astype(float)
+        places[twins] += APART_MM * inward[twins]
+        rounded = places.astype("<f4")
+    return rounded[triangles]
+
+
+def _twins(points: Array) -> Bool[Array, " point"]:
+    """Points that equal another one, the first of each set left out."""
+    order = np.lexsort(points.T)
+    same = (points[order][1:] == points[order][:-1]).all(axis=1)
+    twins = np.zeros(len(points), bool)
+    twins[order[1:][same]] = True
+    return twins
 
 
 def _volume(vertices: Array, triangles: Array) -> float:

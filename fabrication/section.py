@@ -19,7 +19,7 @@ Array = np.ndarray
 INK = "#22313f"
 RUBBER = (0.78, 0.30, 0.33)
 GUTTER = (0.93, 0.66, 0.66)
-NEAR_MM = 34.0
+NEAR_MM = 44.0
 """Height of the groove's close view [mm]."""
 
 
@@ -66,7 +66,8 @@ def section(mold: Mold) -> Figure:
     fill(near, mold, along)
     half = 0.5 * NEAR_MM
     near.set(xlim=(place[0] - 1.4 * half, place[0] + 1.4 * half), ylim=(place[1] - half, place[1] + half))
-    near.set_title(f"grooves: {mold.casting.thickness_mm:g} mm deep", fontsize=10, color=INK)
+    near.spines[:].set_visible(True)
+    near.set_title(f"grooves, {mold.casting.thickness_mm:.1f} mm deep", fontsize=10, color=INK)
     left.add_patch(
         Rectangle(place - half * np.array([1.4, 1.0]), 2.8 * half, 2 * half, fill=False, ec=INK, lw=1.0)
     )
@@ -75,7 +76,7 @@ def section(mold: Mold) -> Figure:
     low.set_title("across the axis", fontsize=10, color=INK)
     handles = [Rectangle((0, 0), 1, 1, facecolor=colour, ec=INK, lw=0.6) for _, colour in _legend(mold)]
     names = [name for name, _ in _legend(mold)]
-    figure.legend(handles, names, loc="outside lower center", ncols=5, frameon=False, fontsize=9)
+    figure.legend(handles, names, loc="outside lower center", ncols=6, frameon=False, fontsize=9)
     return figure
 
 

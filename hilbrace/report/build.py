@@ -15,13 +15,16 @@ from matplotlib.figure import Figure
 
 from hilbrace import __version__
 from hilbrace.biomech.joint_loads import JointLoads
-from hilbrace.config import ANGLES, Config, passive_stiffness
+from hilbrace.config import ANGLES, OPEN, Config, passive_stiffness
 from hilbrace.optimize.design import Design
 from hilbrace.pattern.picture import strut_width_histogram
 from hilbrace.report import figures
 from hilbrace.report.light_solid import lighter
 from hilbrace.report.map_pictures import map_distortion_picture
+from hilbrace.report.mold import MoldSection, mold_section
+from hilbrace.report.reasons import pull_picture, reasons, zones
 from hilbrace.report.viewer import turnable
+from hilbrace.report.words import preset_sentence, summary
 from hilbrace.run.records import write_atomic
 
 PAINTED = frozenset(
@@ -33,6 +36,7 @@ PAINTED = frozenset(
         "solid",
         "strut_widths",
         "brace_on_body",
+        "pulls",
     }
 )
 """Pictures made of many triangles: PNG alone. The others are drawings: SVG as well."""
@@ -69,7 +73,11 @@ def build_report(
         )
     view = turnable(records["body"], records["domain"], records["optimize"], records["solid"])
     page = folder / "index.html"
-    write_atomic(page, _page(config, records, metrics, inline, view).encode())
+    film = folder.parent / "optimize" / "film.gif"
+    if film.is_file():
+        inline["film"] = _image(film.read_bytes(), "gif")
+    mold = mold_section(folder.parent)
+    write_atomic(page, _page(config, records, metrics, inline, view, mold).encode())
     return [page, *files]
 
 
@@ -89,7 +97,9 @@ def _draw(records: dict[str, Any], min_strut_mm: float) -> dict[str, Figure]:
         "flat_map": figures.flat_map(domain, design),
         "map_distortion": map_distortion_picture(domain),
         "losses": figures.losses(design),
+        "pulls": pull_picture(domain, design),
         "stiffness": figures.stiffness(design, joint),
+        "flexion_moment": figures.flexion_moment(design, joint),
         "predicted_change": figures.predicted_change(domain, design),
         "solid": figures.solid(records["solid"], domain),
         "strut_widths": figures.strut_widths(records["solid"], domain, min_strut_mm),
@@ -116,7 +126,10 @@ def _page(
     metrics: dict[str, dict[str, Any]],
     inline: dict[str, str],
     view: str,
+    mold: MoldSection | None,
 ) -> str:
+    design: Design = records["optimize"]
+    why = reasons(design, zones(records["body"], records["domain"], design))
     environment = Environment(autoescape=True)
     template = environment.from_string(
         resources.files("hilbrace.report").joinpath("page.html.j2").read_text("utf-8")
@@ -139,6 +152,12 @@ def _page(
         mass=f"{motion['subject_mass_kg']:.1f}",
         version=__version__,
         cards=_cards(metrics),
+        summary=summary(config, design, metrics, why),
+        why=why,
+        mold=mold,
+        film="film" in inline,
+        preset=preset_sentence(config),
+        open_points=OPEN if config.preset == "paper" else (),
         cutoff=f"{biomech['cutoff_hz']:g}",
         literal=records["biomech"].convention == "paper_literal",
         marker_rms=f"{biomech['marker_rms_mm']:.1f}",

@@ -36,6 +36,7 @@ FIRM = np.array([0.16, 0.50, 0.40])
 SOFT = np.array([0.93, 0.60, 0.28])
 BRACE = (0.36, 0.55, 0.72)
 SERIES = ("#2a6f97", "#c8553d", "#588157", "#8a6fae", "#b08900", INK)
+UNIFORM = "#9aa5ad"
 FIELD = "viridis"
 
 
@@ -131,7 +132,7 @@ def contact_force(loads: JointLoads, joint: str) -> Figure:
         if np.isfinite(values[:, index]).any():
             left.plot(loads.time, values[:, index] / weight, color=SERIES[column], label=name)
     net = np.linalg.norm(loads.acting_force[:, index], axis=1) / weight
-    left.plot(loads.time, net, color="#9aa5ad", linestyle="--", label="acting force")
+    left.plot(loads.time, net, color=UNIFORM, linestyle="--", label="acting force")
     left.legend(frameon=False, fontsize=8)
     for column, (name, tension) in enumerate(_strongest(loads, index, count=6)):
         right.plot(loads.time, tension / weight, color=SERIES[column % len(SERIES)], label=name)
@@ -194,16 +195,35 @@ def stiffness(design: Design, joint: str) -> Figure:
     figure = Figure(figsize=(8.6, 3.2), layout="constrained")
     flexion = np.rad2deg(design.stiffness_flexions)
     kind = joint.split("_")[0]
-    for place, (column, name) in enumerate(((1, "frontal: firm is good"), (0, "sagittal: soft is good"))):
+    planes = ((1, "what it gives: frontal stiffness"), (0, "what it costs: sagittal stiffness"))
+    for place, (column, name) in enumerate(planes):
         axes = figure.add_subplot(1, 2, place + 1)
-        axes.plot(
-            flexion, 1000 * design.stiffness_posed_uniform[:, column], "o--", color="#9aa5ad", label="uniform"
+        own, plain = (
+            1000 * design.stiffness_posed[:, column],
+            1000 * design.stiffness_posed_uniform[:, column],
         )
-        axes.plot(
-            flexion, 1000 * design.stiffness_posed[:, column], "o-", color=SERIES[place], label="optimized"
-        )
-        axes.set(xlabel=f"{kind} {ANGLES[kind][0]} [deg]", ylabel="stiffness [N*mm/deg]", title=name)
+        axes.plot(flexion, plain, "o--", color=UNIFORM, label="uniform, same volume")
+        axes.plot(flexion, own, "o-", color=SERIES[place], label="optimized")
+        axes.set(xlabel=f"{kind} {ANGLES[kind][0]} [deg]", ylabel="stiffness [N*mm/deg]")
+        axes.set_title(name, fontsize=10, color=INK)
         axes.set_ylim(bottom=0)
+        axes.legend(frameon=False)
+        _quiet(axes)
+    return figure
+
+
+def flexion_moment(design: Design, joint: str) -> Figure:
+    """Moment of the brace against flexion along the motion, free on the skin and stuck to it."""
+    figure = Figure(figsize=(8.6, 3.2), layout="constrained")
+    flexion = np.rad2deg(design.moment_flexions)
+    kind = joint.split("_")[0]
+    limits = (("sliding on the skin", design.moment_free), ("stuck to the skin", design.moment_held))
+    for place, (name, moment) in enumerate(limits):
+        axes = figure.add_subplot(1, 2, place + 1)
+        axes.plot(flexion, moment[1], "--", color=UNIFORM, label="uniform, same volume")
+        axes.plot(flexion, moment[0], color=SERIES[1], label="optimized")
+        axes.set(xlabel=f"{kind} {ANGLES[kind][0]} [deg]", ylabel="moment against flexion [N*m]")
+        axes.set_title(name, fontsize=10, color=INK)
         axes.legend(frameon=False)
         _quiet(axes)
     return figure

@@ -40,7 +40,7 @@ class MoldSettings(Section):
         description="linear shrinkage of the casting, made up for by a larger mold; 0.1 of platinum "
         "silicone [%]",
     )
-    draft_deg: float = Field(default=2.0, ge=0, le=20, description="draft of the groove walls [deg]")
+    draft_deg: float = Field(default=2.0, ge=0, le=10, description="draft of the groove walls [deg]")
     gutter_mm: float = Field(
         default=10.0, ge=4, le=30, description="height of the open gutter along the upper rim [mm]"
     )

@@ -17,7 +17,7 @@ from fabrication.fixtures.place import Place
 from fabrication.mold import Casting
 from fabrication.offsets import Surroundings, surroundings
 from fabrication.parting import Parting
-from fabrication.seams import Seam, vertex_normals
+from fabrication.seams import Seam
 from fabrication.shells import FLANGE_THICKNESS_MM
 from hilbrace.config.mold import MoldSettings
 
@@ -72,8 +72,7 @@ def flange_places(casting: Casting, parting: Parting, settings: MoldSettings) ->
     """
     if casting.flat:
         return _lid_places(casting, parting, settings)
-    normals = vertex_normals(casting.outer, casting.triangles)
-    around = surroundings(casting.outer, normals, SPACING_MM)
+    around = surroundings(parting.land, SPACING_MM)
     bolts, keys, jacks = [], [], []
     for seam in parting.seams:
         chart = _Chart.of(seam, around, parting)

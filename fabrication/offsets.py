@@ -10,7 +10,8 @@ from jaxtyping import Float
 from manifold3d import Manifold
 from scipy.spatial import KDTree
 
-from fabrication.bodies import body_of
+from fabrication.bodies import body_of, mesh_of
+from fabrication.faces import vertex_normals
 
 Array = np.ndarray
 
@@ -45,31 +46,24 @@ class Surroundings:
         return np.where(side < 0, -distance, distance)
 
 
-def surroundings(
-    points: Float[Array, "point 3"], normals: Float[Array, "point 3"], spacing_mm: float = 0.0
-) -> Surroundings:
-    """The space around a surface.
+def surroundings(solid: Manifold, spacing_mm: float) -> Surroundings:
+    """The space around a body.
 
     Args:
-        points: Dense points of it [mm].
-        normals: Outward unit normals there.
-        spacing_mm: Of points closer together than about this, one is kept, which saves time [mm].
+        solid: The body.
+        spacing_mm: Largest distance between the points that stand for its surface [mm].
     """
-    if spacing_mm > 0:
-        boxes = np.floor((points - points.min(axis=0)) / spacing_mm).astype(np.int64)
-        _, kept = np.unique(boxes @ np.array([1, 1 << 20, 1 << 40]), return_index=True)
-        points, normals = points[kept], normals[kept]
-    return Surroundings(points, normals, KDTree(points))
+    points, triangles = mesh_of(solid.refine_to_length(spacing_mm))
+    return Surroundings(points, vertex_normals(points, triangles), KDTree(points))
 
 
 def thick_body(around: Surroundings, radius_mm: float, cell_mm: float = CELL_MM) -> Manifold:
-    """All that lies within a distance of a surface or on its inner side: the level set of its distance.
+    """All that lies in a body or within a distance of it: the level set of its distance.
 
     A level set of a distance has no folds wherever the surface bends, unlike vertices moved along normals.
-    Beyond the borders of an open surface the body goes on at will.
 
     Args:
-        around: The space around the surface.
+        around: The space around the body.
         radius_mm: The distance [mm].
         cell_mm: Spacing of the grid [mm]. The body's surface lies within a few hundredths of a millimetre of
             the true one where that is flat over a cell.
@@ -81,16 +75,12 @@ def thick_body(around: Surroundings, radius_mm: float, cell_mm: float = CELL_MM)
     low = around.points.min(axis=0) - pad
     blocks = np.ceil((around.points.max(axis=0) + pad - low) / (cell_mm * COARSE)).astype(int)
     distance = _distances(around, low, blocks, radius_mm, cell_mm)
-    for axis in range(3):
-        faces = np.moveaxis(distance, axis, 0)
-        faces[0] = faces[-1] = radius_mm + cell_mm
-    shape = np.array(distance.shape)
-    grid = np.stack(np.meshgrid(*(np.arange(n) for n in shape[::-1]), indexing="ij"), axis=-1)
+    nx, ny, nz = distance.shape
+    grid = np.stack(np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij"), axis=-1)
     grid = low + cell_mm * grid.reshape(-1, 3)[:, ::-1]
     order = np.ascontiguousarray(distance.transpose(2, 1, 0).reshape(-1))
-    vertices, triangles, _ = igl.marching_cubes(
-        order, np.ascontiguousarray(grid), *map(int, shape), radius_mm
-    )
+    found = igl.marching_cubes(order, np.ascontiguousarray(grid), nx, ny, nz, radius_mm)
+    vertices, triangles = np.asarray(found[0]), np.asarray(found[1])
     body = body_of(vertices, triangles, "shell")
     if body.volume() < 0:
         body = body_of(vertices, triangles[:, ::-1], "shell")

@@ -17,8 +17,9 @@ from jaxtyping import Float, Int
 from manifold3d import Manifold
 
 from fabrication.ends import End, find_ends, inside
+from fabrication.faces import face_normals
 from fabrication.mold import Casting, Core
-from fabrication.seams import Seam, Surface, face_normals, fit_graph, pull_axes, surface_of
+from fabrication.seams import Seam, Surface, fit_graph, pull_axes, surface_of
 from fabrication.undercut import lean, relief, undercut_areas
 from fabrication.wedges import limb_wedges
 from hilbrace.config.mold import MoldSettings
@@ -66,6 +67,7 @@ class Parting:
         undercut_deg: Angle by which each triangle of the casting hinders its shell, negative where it lets
             it go [deg].
         undercut_mm2: Area that hinders each shell by more than a degree [mm^2], by name.
+        land: The body that the shells come off: the core without grooves.
         sides_mm2: Area of the casting's surface between the ends [mm^2].
     """
 
@@ -80,6 +82,7 @@ class Parting:
     shell_of: Int[Array, " triangle"]
     undercut_deg: Float[Array, " triangle"]
     undercut_mm2: dict[str, float]
+    land: Manifold
     sides_mm2: float
 
 
@@ -98,12 +101,12 @@ def find_parting(casting: Casting, core: Core, settings: MoldSettings) -> Partin
         GeometryError: Shells of the number wanted, or of any number up to four, do not come off.
     """
     if casting.flat:
-        return _lid(casting)
+        return _lid(casting, core)
     counts = (settings.shells,) if settings.shells else (2, 3, 4)
     refused = []
     for count in counts:
         parting = _best(casting, core, count, settings)
-        parting = replace(parting, relief_mm3=relief_volume(parting, core.land))
+        parting = replace(parting, relief_mm3=relief_volume(parting))
         fault = _fault(parting, casting)
         if fault is None:
             return parting
@@ -115,10 +118,10 @@ def find_parting(casting: Casting, core: Core, settings: MoldSettings) -> Partin
     )
 
 
-def relief_volume(parting: Parting, land: Manifold) -> float:
+def relief_volume(parting: Parting) -> float:
     """Volume that the reliefs take from the shells, and give to the casting [mm^3]."""
     rooms = zip(parting.reliefs, parting.sectors, strict=True)
-    return sum(((body ^ sector) - land).volume() for body, sector in rooms if not body.is_empty())
+    return sum(((body ^ sector) - parting.land).volume() for body, sector in rooms if not body.is_empty())
 
 
 def graph_parting(
@@ -141,6 +144,7 @@ def graph_parting(
     pulls = np.stack([graph.axes[2], -graph.axes[2]])
     return _parting(
         casting,
+        core.land,
         surface,
         ends,
         pulls,
@@ -173,6 +177,7 @@ def wedge_parting(
     depths = [wedges.depth(surface.vertices, pull) for pull in wedges.pulls]
     return _parting(
         casting,
+        core.land,
         surface,
         ends,
         wedges.pulls,
@@ -242,6 +247,7 @@ def _hindered(surface: Surface, shell_of: Array, pulls: Array) -> float:
 
 def _parting(
     casting: Casting,
+    land: Manifold,
     surface: Surface,
     ends: tuple[End, ...],
     pulls: Array,
@@ -254,7 +260,8 @@ def _parting(
 
     Args:
         casting: What shall be cast.
-        surface: The sides of the land.
+        land: The core without grooves.
+        surface: Its sides.
         ends: Where the shells end.
         pulls: Direction of each shell.
         sectors: Room of each shell.
@@ -286,6 +293,7 @@ def _parting(
         shell_of=faces,
         undercut_deg=angle,
         undercut_mm2=dict(zip(names, hindered.tolist(), strict=True)),
+        land=land,
         sides_mm2=float(areas[within].sum()),
     )
 
@@ -300,7 +308,7 @@ def _fault(parting: Parting, casting: Casting) -> str | None:
     return None
 
 
-def _lid(casting: Casting) -> Parting:
+def _lid(casting: Casting, core: Core) -> Parting:
     """One shell over a flat casting.
 
     Raises:
@@ -331,6 +339,7 @@ def _lid(casting: Casting) -> Parting:
         shell_of=shell_of,
         undercut_deg=angle,
         undercut_mm2={"shell_lid": 0.0},
+        land=core.land,
         sides_mm2=float(areas.sum()),
     )
 

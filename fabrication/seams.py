@@ -14,11 +14,12 @@ import numpy as np
 from jaxtyping import Float, Int
 from manifold3d import Manifold
 from scipy.ndimage import binary_closing, binary_erosion
-from scipy.sparse import coo_matrix, csr_matrix, diags_array, kron
+from scipy.sparse import coo_array, csr_array, diags_array, kron
 from scipy.sparse.linalg import splu
 
 from fabrication.bodies import body_of, mesh_of
 from fabrication.ends import End, inside
+from fabrication.faces import face_normals
 
 Array = np.ndarray
 
@@ -173,7 +174,7 @@ def fit_graph(surface: Surface, axes: Float[Array, "3 3"], margin_mm: float, cel
 
 def bilinear(
     places: Float[Array, "point 2"], low: Float[Array, "2"], cell: float, shape: tuple[int, ...]
-) -> csr_matrix:
+) -> csr_array:
     """Weights that interpolate values of a grid at places; places outside take the nearest edge's plane."""
     at = (places - low) / cell
     corner = np.clip(np.floor(at).astype(int), 0, np.array(shape) - 2)
@@ -185,7 +186,7 @@ def bilinear(
             columns.append((corner[:, 0] + i) * shape[1] + corner[:, 1] + j)
             weights.append(np.where(i, part[:, 0], 1 - part[:, 0]) * np.where(j, part[:, 1], 1 - part[:, 1]))
     entries = (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns)))
-    return coo_matrix(entries, shape=(len(places), int(np.prod(shape)))).tocsr()
+    return coo_array(entries, shape=(len(places), int(np.prod(shape)))).tocsr()
 
 
 def between(lower: Float[Array, "row column 3"], upper: Float[Array, "row column 3"]) -> Manifold:
@@ -219,27 +220,6 @@ def silhouette(
     return forth[shared]
 
 
-def face_normals(
-    vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]
-) -> tuple[Float[Array, "triangle 3"], Float[Array, " triangle"]]:
-    """Unit normals and areas [mm^2] of triangles."""
-    a, b, c = np.moveaxis(vertices[triangles], 1, 0)
-    normal = np.cross(b - a, c - a)
-    length = np.linalg.norm(normal, axis=1)
-    return normal / np.maximum(length, 1e-300)[:, None], 0.5 * length
-
-
-def vertex_normals(
-    vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]
-) -> Float[Array, "vertex 3"]:
-    """Unit normals at vertices: those of the triangles around them, by area."""
-    normals, areas = face_normals(vertices, triangles)
-    weights = np.repeat(areas, 3)[:, None] * np.repeat(normals, 3, axis=0)
-    corners = triangles.reshape(-1)
-    summed = np.stack([np.bincount(corners, weights[:, i], len(vertices)) for i in range(3)], axis=1)
-    return summed / np.maximum(np.linalg.norm(summed, axis=1, keepdims=True), 1e-300)
-
-
 def _outline(
     surface: Surface, axes: Array, low: Array, cell: float, shape: tuple[int, ...]
 ) -> tuple[Float[Array, "sample 3"], Float[Array, " sample"]]:
@@ -253,20 +233,20 @@ def _outline(
     samples = (1.0 - part) * ends[edge, 0] + part * ends[edge, 1]
     shadow = np.zeros(shape, bool)
     shadow[tuple(np.rint((surface.points @ axes[:2].T - low) / cell).astype(int).T)] = True
-    inside = binary_erosion(binary_closing(shadow, iterations=2), iterations=BORDER_CELLS)
+    inside = np.asarray(binary_erosion(binary_closing(shadow, iterations=2), iterations=BORDER_CELLS), bool)
     at_border = ~inside[tuple(np.rint((samples[:, :2] - low) / cell).astype(int).T)]
     return samples[at_border], (length / count)[edge][at_border]
 
 
-def _bending(shape: tuple[int, ...]) -> csr_matrix:
+def _bending(shape: tuple[int, ...]) -> csr_array:
     """Energy of a thin plate on a grid: squares of second differences."""
-    first = [diags_array([np.ones(n - 1), -np.ones(n - 1)], offsets=[1, 0], shape=(n - 1, n)) for n in shape]
-    second = [
-        diags_array(
-            [np.ones(n - 2), -2 * np.ones(n - 2), np.ones(n - 2)], offsets=[0, 1, 2], shape=(n - 2, n)
-        )
-        for n in shape
-    ]
+    first = [_differences(n, 1) for n in shape]
+    second = [_differences(n, 2) for n in shape]
     eye = [diags_array(np.ones(n)) for n in shape]
     bends = (kron(second[0], eye[1]), kron(eye[0], second[1]), np.sqrt(2.0) * kron(first[0], first[1]))
-    return csr_matrix(sum(bend.T @ bend for bend in bends))
+    return csr_array(sum(bend.T @ bend for bend in bends))
+
+
+def _differences(count: int, order: int) -> csr_array:
+    """Differences of neighbouring values, once or twice."""
+    return csr_array(np.diff(np.eye(count), n=order, axis=0))

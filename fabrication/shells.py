@@ -11,7 +11,6 @@ from fabrication.ends import border_loops
 from fabrication.mold import Casting, Core, Piece
 from fabrication.offsets import surroundings, thick_body
 from fabrication.parting import Parting
-from fabrication.seams import vertex_normals
 from hilbrace.config.mold import MoldSettings
 from hilbrace.errors import GeometryError
 
@@ -20,10 +19,10 @@ Array = np.ndarray
 FLANGE_THICKNESS_MM = 6.0
 """Thickness of each flange: an M4 bolt's head and nut sink into two of them [mm]."""
 
-EXTRA_WALL_MM = 0.2
+EXTRA_WALL_MM = 0.3
 """What chords of the outer face and the spacing of the points may cut off, added to the wall [mm]."""
 
-WALL_SPACING_MM, WIDE_SPACING_MM = 1.2, 2.5
+WALL_SPACING_MM, WIDE_SPACING_MM = 1.5, 3.0
 """Spacing of the points that stand for the limb under the wall and under the flanges' edge [mm]."""
 
 DUST_MM3 = 1.0
@@ -47,7 +46,7 @@ def build_shells(casting: Casting, core: Core, parting: Parting, settings: MoldS
     Raises:
         GeometryError: A shell falls apart.
     """
-    body = _lid(casting, settings) if casting.flat else _sleeve(casting, parting, settings)
+    body = _lid(casting, settings) if casting.flat else _sleeve(core, parting, settings)
     body = body - core.land
     pieces = []
     rooms = zip(parting.names, parting.titles, parting.sectors, parting.reliefs, parting.pulls, strict=True)
@@ -88,13 +87,10 @@ def one_part(solid: Manifold, name: str) -> Manifold:
     return parts[0]
 
 
-def _sleeve(casting: Casting, parting: Parting, settings: MoldSettings) -> Manifold:
+def _sleeve(core: Core, parting: Parting, settings: MoldSettings) -> Manifold:
     """Wall and flanges around a tube, still full of limb."""
-    points, normals = casting.outer, vertex_normals(casting.outer, casting.triangles)
-    near = surroundings(points, normals, WALL_SPACING_MM)
-    wall = thick_body(near, settings.wall_mm + EXTRA_WALL_MM)
-    far = surroundings(points, normals, WIDE_SPACING_MM)
-    wide = thick_body(far, settings.wall_mm + settings.flange_mm)
+    wall = thick_body(surroundings(core.land, WALL_SPACING_MM), settings.wall_mm + EXTRA_WALL_MM)
+    wide = thick_body(surroundings(core.land, WIDE_SPACING_MM), settings.wall_mm + settings.flange_mm)
     slabs = [seam.slab(FLANGE_THICKNESS_MM) for seam in parting.seams]
     flanges = wide ^ Manifold.batch_boolean(slabs, OpType.Add)
     body = wall + flanges

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from manifold3d import Manifold
+from manifold3d import Manifold, OpType
 
 from fabrication.bodies import body_of
 from fabrication.seams import Surface
@@ -14,8 +14,9 @@ Array = np.ndarray
 TOLERANCE_DEG = 1.0
 """Faces that lean less than this against the pull do not count as undercut: silicone and plastic give way."""
 
-EMBED_MM = 0.05
-"""How far a relief reaches into the next shell's room, so that no film stays at the parting [mm]."""
+EMBED_MM = 5.0
+"""How far a relief reaches beyond the parting, which bends between the corners of a face: into the room of
+the next shell, of which it takes nothing [mm]."""
 
 
 def lean(
@@ -77,4 +78,6 @@ def relief(
     a, b = border.T
     walls = np.concatenate([np.stack([a, b, b + count], axis=1), np.stack([a, b + count, a + count], axis=1)])
     shell = np.concatenate([faces[:, ::-1], faces + count, walls])
-    return body_of(np.concatenate([top, bottom]), shell, "relief of a shell")
+    sweep = body_of(np.concatenate([top, bottom]), shell, "relief of a shell")
+    # Patches of a fold lie below one another, and their sweeps overlap.
+    return Manifold.batch_boolean(sweep.decompose(), OpType.Add)

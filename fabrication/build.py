@@ -61,7 +61,7 @@ def build_mold(casting: Casting, settings: MoldSettings, step: Step = quietly) -
         filling, vents = plan(casting, core, shells, settings)
         boss, bore = placed_luer_port(filling.port, filling.inlet, settings.wall_mm)
     with step("fixtures"):
-        joints = find_joints(flange_places(casting, core, parting, settings), settings)
+        joints = find_joints(flange_places(casting, parting, settings), settings)
         ported = _at(shells, filling.port + 0.5 * settings.wall_mm * filling.inlet).name
         out_of_core = [boss.body() - core.land]
         shells = tuple(_fitted(piece, out_of_core if piece.name == ported else [], []) for piece in shells)

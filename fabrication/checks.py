@@ -203,7 +203,10 @@ def _opening_checks(mold: Mold) -> tuple[Check, ...]:
 
 
 def _collision(piece: Piece, mold: Mold) -> float:
-    return collision(piece, [other for other in mold.pieces if other is not piece], piece.pull)
+    """The base is taken away first, then everything else comes off while all the others stay."""
+    others = (other for other in mold.pieces if other is not piece)
+    staying = [other for other in others if piece.kind == "base" or other.kind != "base"]
+    return collision(piece, staying, piece.pull)
 
 
 def _area(mold: Mold) -> float:

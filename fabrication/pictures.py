@@ -39,6 +39,10 @@ PIXELS = 900
 
 DPI = 150
 
+AIR = "#2a6f97"
+MOUTH_MM = 24.0
+"""From the cavity to the tip of the arrow at the port [mm]."""
+
 SHOWN_MM = 0.2
 """How far the coloured faces lie before the shells that they belong to [mm]."""
 
@@ -228,19 +232,20 @@ def step_close(scene: Scene) -> Figure:
 def step_fill(scene: Scene) -> Figure:
     """The closed mold, with the way in and the ways out."""
     filling, axis = scene.mold.filling, scene.mold.core.axis
-    view = view_from(filling.inlet + 0.45 * np.cross(axis, filling.inlet) + 0.35 * axis, axis)
+    view = view_from(filling.inlet + 0.55 * np.cross(axis, filling.inlet) + 0.35 * axis, axis)
     parts = scene.bodies.values()
-    figure, axes = canvas(view, parts, margin=(0.16, 0.08))
+    figure, axes = canvas(view, parts, margin=(0.14, 0.14))
     paint(axes, view, parts)
-    start, end = view.flat(np.stack([filling.port + 75 * filling.inlet, filling.port + 22 * filling.inlet]))
-    _arrow(axes, start, end, "silicone in", SILICONE)
-    top = np.concatenate([body.vertices for body in parts]) @ axis
+    points = np.concatenate([body.vertices for body in parts])
+    long = 0.2 * float(np.ptp(points @ axis))
+    mouth = filling.port + MOUTH_MM * filling.inlet
+    _arrow(axes, *view.flat(np.stack([mouth + long * filling.inlet, mouth])), "silicone in", SILICONE)
     crown = scene.mold.core.upper.mean(axis=0)
-    crown = crown + (top.max() - crown @ axis) * axis
-    low, high = view.flat(np.stack([crown, crown + 0.12 * np.ptp(top) * axis]))
-    _arrow(axes, low, high, "air out", "#2a6f97")
+    crown = crown + ((scene.mold.core.upper @ axis).max() + 12.0 - crown @ axis) * axis
+    _arrow(axes, *view.flat(np.stack([crown, crown + long * axis])), "air out", AIR, at_tip=True)
     for vent in filling.vents:
-        axes.plot(*view.flat(vent[None])[0], "o", mfc="none", mec="#2a6f97", ms=9)
+        if (vent - scene.mold.core.upper.mean(axis=0)) @ view.near > 0:
+            axes.plot(*view.flat(vent[None])[0], "o", mfc="none", mec=AIR, ms=9, zorder=5)
     return figure
 
 
@@ -348,8 +353,18 @@ def _name(axes: Axes, view: View, piece: Piece, body: Drawn) -> None:
     )
 
 
-def _arrow(axes: Axes, start: Array, end: Array, text: str, colour: object) -> None:
-    style = {"arrowstyle": "-|>", "color": colour, "linewidth": 2.4, "mutation_scale": 16}
-    axes.annotate("", xy=end, xytext=start, arrowprops=style, zorder=5)
-    tail = np.asarray(start) if np.linalg.norm(np.asarray(end) - start) else np.asarray(end)
-    axes.text(*tail, f" {text} ", color=colour, fontsize=10, ha="center", va="bottom", zorder=6)
+def _arrow(axes: Axes, start: Array, end: Array, text: str, colour: object, at_tip: bool = False) -> None:
+    """An arrow on paper with a word at its tail, or at its tip."""
+    style = {"arrowstyle": "-|>", "color": colour, "linewidth": 2.6, "mutation_scale": 18}
+    axes.annotate("", xy=tuple(end), xytext=tuple(start), arrowprops=style, zorder=5)
+    place, below = (end, False) if at_tip else (start, end[1] > start[1])
+    axes.text(
+        *place,
+        text,
+        color=colour,
+        fontsize=10,
+        ha="center",
+        va="top" if below else "bottom",
+        zorder=6,
+        bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none", "alpha": 0.85},
+    )

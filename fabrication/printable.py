@@ -103,7 +103,7 @@ def open_edges(triangles: Int[Array, "triangle 3"]) -> int:
     forth = edges[:, 0] * count + edges[:, 1]
     back = edges[:, 1] * count + edges[:, 0]
     keys, times = np.unique(forth, return_counts=True)
-    return int((times != 1).sum() + np.setxor1d(keys, back).size)
+    return int((times != 1).sum() + np.setdiff1d(keys, back).size)
 
 
 def read_stl(content: bytes) -> Float32[Array, "triangle 3 3"]:

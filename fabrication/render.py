@@ -22,6 +22,9 @@ FINER = 2
 FRAGMENTS = 1_000_000
 """Pixels of triangles handled at a time."""
 
+EDGE = 1e-9
+"""Pixels this close outside of a triangle belong to it: no gaps between neighbours [-]."""
+
 CREASE = 0.8
 """Cosine between a triangle and the mean direction around its corner from which the edge looks sharp."""
 
@@ -156,7 +159,7 @@ def _visible(corners: Array, rows: int, columns: int) -> tuple[Array, Array, Arr
     slopes = _slopes(corners)
     for triangle, row, column in _fragments(corners, rows, columns):
         second, third = _weights(slopes[triangle], row, column)
-        inside = (second >= 0) & (third >= 0) & (second + third <= 1)
+        inside = (second >= -EDGE) & (third >= -EDGE) & (second + third <= 1 + EDGE)
         triangle, second, third = triangle[inside], second[inside], third[inside]
         pixel = row[inside] * columns + column[inside]
         height = corners[triangle, :, 2]

@@ -27,8 +27,12 @@ FEWEST_POSES = 4
 FEWEST_CORNERS = 8
 FEWEST_PIXELS = 40
 """Decoded pixels around a corner from which its homography is fitted."""
+LEAST_SIDE = 0.25
+"""Part of the decoded pixels that must lie on either side of a corner, across and down [-]."""
 WINDOW = 0.6
 """Half the side of the neighbourhood, in distances to the next corner [-]."""
+ODD_CORNER = 5.0
+"""Distance from the board's homography, in medians, from which a corner is left out [-]."""
 ODD_POSE = 3.0
 """Error of a pose, in medians over all poses, from which it is left out [-]."""
 LARGEST_RMS = 1.5
@@ -64,7 +68,7 @@ def see_board(decoded: Decoded, board: Board, folder: Path) -> SeenBoard:
         InputError: Too few corners are found, or too few of them are decoded.
     """
     grey = cv2.cvtColor(decoded.colours, cv2.COLOR_RGB2GRAY)
-    numbers, corners = find_corners(board, np.asarray(grey, dtype=np.uint8))
+    numbers, corners = _flat(board, *find_corners(board, np.asarray(grey, dtype=np.uint8)))
     if len(numbers) < FEWEST_CORNERS:
         raise InputError(
             f"{len(numbers)} of the {board.corner_count} corners of {board.text} are in the white picture",
@@ -212,6 +216,19 @@ def _check_number(seen: Sequence[SeenBoard]) -> None:
         )
 
 
+def _flat(
+    board: Board, numbers: Int[Array, " corner"], corners: Float[Array, "corner 2"]
+) -> tuple[Int[Array, " kept"], Float[Array, "kept 2"]]:
+    """Corners without those far off the homography of the whole board, which a shadow's border misplaces."""
+    if len(numbers) < FEWEST_CORNERS:
+        return numbers, corners
+    flat = board.corner_places(numbers)[:, :2]
+    off = cv2.perspectiveTransform(flat[None], cv2.findHomography(flat, corners, cv2.LMEDS)[0])[0] - corners
+    distance = np.linalg.norm(off, axis=1)
+    kept = distance <= np.maximum(ODD_CORNER * np.median(distance), 0.3)
+    return numbers[kept], corners[kept]
+
+
 def _neighbourhoods(
     board: Board, numbers: Int[Array, " corner"], corners: Float[Array, "corner 2"]
 ) -> list[tuple[Float[Array, " 2"], float]]:
@@ -234,7 +251,8 @@ def _in_projector(decoded: Decoded, corner: Float[Array, " 2"], radius: float) -
     column, row = decoded.column[y0 : y1 + 1, x0 : x1 + 1], decoded.row[y0 : y1 + 1, x0 : x1 + 1]
     y, x = np.nonzero(np.isfinite(column))
     seen = np.stack([x + x0, y + y0], axis=1) - corner
-    if len(seen) < FEWEST_PIXELS or (seen.min(axis=0) > 0).any() or (seen.max(axis=0) < 0).any():
+    share = (seen < 0.0).mean(axis=0) if len(seen) else np.zeros(2)
+    if len(seen) < FEWEST_PIXELS or share.min() < LEAST_SIDE or share.max() > 1.0 - LEAST_SIDE:
         return None
     lit_by = np.stack([column[y, x], row[y, x]], axis=1).astype(float)
     middle = lit_by.mean(axis=0)

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from hilbrace.config import OptimizeSettings
+
 DESIGN, WITHOUT_L2, WITHOUT_L3, UNIFORM = "design", "without_elastic_energy", "without_compliance", "uniform"
 """Names of the variants that the findings compare."""
 
@@ -72,29 +74,43 @@ class Finding:
         claim: What the paper found.
         came_out: Whether it came out; ``None`` where a variant that it compares is missing.
         sentence: What came out, in words and figures.
+        why: Why it did not, as far as the settings tell.
     """
 
     claim: str
     came_out: bool | None
     sentence: str
+    why: str = ""
 
 
-def findings(rows: Sequence[AblationRow]) -> tuple[Finding, ...]:
+def findings(rows: Sequence[AblationRow], settings: OptimizeSettings) -> tuple[Finding, ...]:
     """The paper's findings on its losses, each with the verdict.
 
     Args:
         rows: The variants' rows.
+        settings: The optimizer's settings of the design.
     """
+    less_free = "hinders the bend more: the stiffness in the sagittal plane rises."
     return (
-        _finding(rows, WITHOUT_L2, "Without L2 the stiffness in the sagittal plane rises.", "sagittal", 1.0),
-        _finding(rows, WITHOUT_L3, "Without L3 the stiffness in the frontal plane falls.", "frontal", -1.0),
+        _finding(rows, settings, WITHOUT_L2, f"Without L2 the brace {less_free}", "sagittal", 1.0),
         _finding(
-            rows, UNIFORM, "A uniform firm brace of the same volume hinders the bend more.", "sagittal", 1.0
+            rows, settings, WITHOUT_L3,
+            "Without L3 the brace supports less: the stiffness in the frontal plane falls.", "frontal", -1.0,
         ),
-    )
+        _finding(
+            rows, settings, UNIFORM, f"A uniform firm brace of the same volume {less_free}", "sagittal", 1.0
+        ),
+    )  # fmt: skip
 
 
-def _finding(rows: Sequence[AblationRow], name: str, claim: str, plane: str, sign: float) -> Finding:
+def _finding(
+    rows: Sequence[AblationRow],
+    settings: OptimizeSettings,
+    name: str,
+    claim: str,
+    plane: str,
+    sign: float,
+) -> Finding:
     by_name = {row.name: row for row in rows}
     design, other = by_name[DESIGN].figures, by_name[name].figures
     if design is None or other is None:
@@ -105,7 +121,30 @@ def _finding(rows: Sequence[AblationRow], name: str, claim: str, plane: str, sig
         f"{plane.capitalize()} stiffness of '{by_name[name].label}' against the design: {_signed(change)} "
         f"with the joint straight, {_signed(bent)} at {other.bent_deg:.0f} degrees."
     )
-    return Finding(claim, sign * change > NOTICEABLE, sentence)
+    came_out = sign * change > NOTICEABLE
+    return Finding(claim, came_out, sentence, "" if came_out else _why(name, settings))
+
+
+def _why(name: str, settings: OptimizeSettings) -> str:
+    """Why a finding did not come out, as far as the settings tell."""
+    weights = settings.weights
+    weight = {WITHOUT_L2: weights.elastic_energy, WITHOUT_L3: weights.compliance}.get(name)
+    if weight == 0.0:
+        return "The design itself has no such loss."
+    if weight is None or settings.coupling != "stiffness":
+        return "The settings do not tell why; section 3 of the report shows which loss pulls where."
+    if name == WITHOUT_L3:
+        return (
+            "In the coupling 'stiffness' L1 itself does not let the frontal stiffness fall below the uniform "
+            f"brace's, with a weight of {weights.joint_stability:g} against L3's {weight:g}: the design "
+            "rests on that floor, with L3 and without. In the paper's coupling L1 does not feel the "
+            "stiffness, and L3 alone asks for support (hilbrace ablate --preset paper)."
+        )
+    return (
+        "In the coupling 'stiffness' L1 itself frees the bend, with a weight of "
+        f"{weights.joint_stability:g} against L2's {weight:g}: L2 has little left to free. In the paper's "
+        "coupling L1 does not feel the stiffness (hilbrace ablate --preset paper)."
+    )
 
 
 def _of(figures: BraceFigures, plane: str) -> float:

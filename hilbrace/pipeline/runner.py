@@ -47,14 +47,19 @@ def run_stages(config: Config, folder: Path, until: str = "report", quiet: bool 
     console = Console(stderr=True, quiet=quiet)
     with runs.locked(folder):
         manifest = runs.read_manifest(folder)
+        mold = _mold_figures(folder)
         _write_config(config, folder)
         done: dict[str, runs.StageEntry] = {}
         metrics: dict[str, dict[str, Any]] = {}
         for stage in STAGES:
             key = stage_key(stage, config, {name: done[name].key for name in stage.needs})
+            if stage.name == "report" and "mold" in metrics:
+                key = runs.digest(key, json.dumps(metrics["mold"], sort_keys=True))
             entry = manifest.get(stage.name)
             if entry is not None and runs.is_current(folder, entry, key):
                 console.print(f"[dim]{stage.name:<9} unchanged[/dim]")
+                if stage.name == "solid" and mold is not None:
+                    metrics["mold"] = mold
             else:
                 entry = _run_stage(stage, config, folder, key, metrics, console)
             done[stage.name] = entry
@@ -127,6 +132,14 @@ def _run_stage(
     console.print(f"{stage.name:<9} {seconds:7.1f} s")
     digests = {str(path.relative_to(folder)): runs.file_digest(path) for path in files}
     return runs.StageEntry(key, digests, seconds, outcome.metrics)
+
+
+def _mold_figures(folder: Path) -> dict[str, Any] | None:
+    """Figures of a mold that `hilbrace fabricate` made of the folder's solid; ``None`` if there is none.
+
+    They belong to the solid that is there: one that is made anew has no mold yet.
+    """
+    return read_metrics(folder).get("mold") if (folder / runs.METRICS).exists() else None
 
 
 def _input_digests(config: Config) -> list[str]:

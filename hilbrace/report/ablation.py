@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import csv
 import io
+import textwrap
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib import resources
@@ -90,7 +91,7 @@ def ablation_figures(ablation: Ablation) -> dict[str, Any]:
             | (_named_losses(asdict(row.figures)) if row.figures else {})
             for row in ablation.rows
         ],
-        "findings": [asdict(finding) for finding in findings(ablation.rows)],
+        "findings": [asdict(finding) for finding in findings(ablation.rows, ablation.settings)],
     }
 
 
@@ -105,8 +106,9 @@ def ablation_text(ablation: Ablation) -> str:
         text = "".join(f"{cell:>10}" for cell in cells) if cells else f"  no such brace: {row.reason}"
         lines.append(f"{row.label:<{width}}{text}")
     lines.append("")
-    for finding in findings(ablation.rows):
-        lines += [f"{verdict(finding):<14} {finding.claim}", f"{'':<14} {finding.sentence}"]
+    for finding in findings(ablation.rows, ablation.settings):
+        told = (finding.claim, finding.sentence, *textwrap.wrap(finding.why, 105))
+        lines += [f"{verdict(finding) if place == 0 else '':<14} {line}" for place, line in enumerate(told)]
     return "\n".join(lines) + "\n"
 
 
@@ -227,7 +229,7 @@ def _page(ablation: Ablation, picture: bytes) -> str:
         ablation=ablation,
         columns=COLUMNS,
         rows=[(row, _cells(row.figures) if row.figures else ()) for row in ablation.rows],
-        findings=[(finding, verdict(finding)) for finding in findings(ablation.rows)],
+        findings=[(finding, verdict(finding)) for finding in findings(ablation.rows, ablation.settings)],
         picture=Markup(f"data:image/png;base64,{base64.b64encode(picture).decode()}"),
         version=__version__,
     )

@@ -76,7 +76,7 @@ def build_report(
     film = folder.parent / "optimize" / "film.gif"
     if film.is_file():
         inline["film"] = _image(film.read_bytes(), "gif")
-    mold = mold_section(folder.parent)
+    mold = mold_section(folder.parent) if "mold" in metrics else None
     write_atomic(page, _page(config, records, metrics, inline, view, mold).encode())
     return [page, *files]
 

@@ -18,6 +18,7 @@ from hilbrace.optimize.design import Design
 from hilbrace.optimize.pulls import shares_of_pull
 from hilbrace.report.figures import INK
 from hilbrace.report.paint import BACK, FRONT, LEFT, RIGHT, paint
+from hilbrace.report.words import listed
 
 Array = np.ndarray
 
@@ -93,28 +94,50 @@ def reasons(design: Design, found: Zones) -> list[str]:
 
 
 def pull_picture(domain: Domain, design: Design) -> Figure:
-    """Where each loss wants the brace firmer (green) and where more open (brown), each on its own scale.
+    """Where L1, L2 and L3 want the brace firmer (green) and where more open (brown), each on its own scale.
+
+    L4 is left out: it asks for the same volume everywhere. The pulls are averaged over neighbours.
 
     Args:
         domain: The brace's surface.
         design: The finished design.
     """
-    shown = [place for place in range(len(WANTS)) if np.abs(design.pulls[place]).max(initial=0.0) > 0.0]
+    shown = [place for place in range(3) if np.abs(design.pulls[place]).max(initial=0.0) > 0.0]
     outer, inner = (RIGHT, LEFT) if domain.joint.endswith("_r") else (LEFT, RIGHT)
     views = (("front", FRONT), ("lateral", outer), ("back", BACK), ("medial", inner))
-    figure = Figure(figsize=(9.6, 3.1 * max(len(shown), 1)), layout="constrained")
+    figure = Figure(figsize=(9.6, 3.0 * max(len(shown), 1)), layout="constrained")
     norm = Normalize(-1.0, 1.0)
     for row, place in enumerate(shown):
-        largest = np.quantile(np.abs(design.pulls[place]), 0.98)
-        colours = colormaps[PULL_COLOURS](norm(design.pulls[place] / max(largest, 1e-300)))[:, :3]
+        pull = _averaged(domain, design.pulls[place])
+        colours = colormaps[PULL_COLOURS](norm(pull / max(float(np.quantile(np.abs(pull), 0.99)), 1e-300)))
         for column, (name, towards) in enumerate(views):
             axes = figure.add_subplot(len(shown), 4, 4 * row + column + 1)
-            paint(axes, domain.vertices, domain.triangles, colours, towards)
-            axes.set_title(f"{WANTS[place]}, {name}", fontsize=9, color=INK)
+            paint(axes, domain.vertices, domain.triangles, colours[:, :3], towards)
+            if row == 0:
+                axes.set_title(name, fontsize=9, color=INK)
+            if column == 0:
+                axes.text(
+                    -0.1, 0.5, WANTS[place], rotation=90, va="center", ha="right", transform=axes.transAxes,
+                    color=INK, fontsize=9,
+                )  # fmt: skip
     if shown:
-        bar = figure.colorbar(ScalarMappable(norm, PULL_COLOURS), ax=figure.axes, shrink=0.5, pad=0.01)
+        bar = figure.colorbar(
+            ScalarMappable(norm, PULL_COLOURS), ax=figure.axes, shrink=0.35, aspect=18, pad=0.01
+        )
         bar.set_ticks([-1, 0, 1], labels=["more open", "content", "firmer"])
     return figure
+
+
+def _averaged(
+    domain: Domain, values: Float[Array, " triangle"], rounds: int = 3
+) -> Float[Array, " triangle"]:
+    """Means over the triangles around each vertex, and back."""
+    corners, count = domain.triangles.ravel(), len(domain.vertices)
+    shared = np.bincount(corners, minlength=count).clip(1)
+    for _ in range(rounds):
+        at_vertices = np.bincount(corners, np.repeat(values, 3), count) / shared
+        values = at_vertices[domain.triangles].mean(axis=1)
+    return values
 
 
 def _sentence(design: Design, found: Zones, side: int, mean: float, whole: float) -> str:
@@ -137,21 +160,17 @@ def _sentence(design: Design, found: Zones, side: int, mean: float, whole: float
     )
     if not wanted:
         return f"{text}; no loss pulls it there any more."
-    return f"{text}: wanted by {_listed(wanted)}."
+    return f"{text}: wanted by {listed(wanted)}."
 
 
 def _where(thirds: list[str]) -> str:
     if len(thirds) in (0, len(THIRDS)):
         return "from edge to edge"
-    return f"in its {_listed(thirds[::-1])} third"
+    return f"in its {listed(thirds[::-1])} third"
 
 
 def _differs(difference: float, firm: bool) -> bool:
     return difference >= DISTINCT if firm else difference <= -DISTINCT
-
-
-def _listed(words: list[str]) -> str:
-    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
 
 
 def _mean(design: Design, areas: Float[Array, " triangle"]) -> float:

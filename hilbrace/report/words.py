@@ -41,6 +41,11 @@ def times(factor: float) -> str:
     return f"{factor:.1f} times" if factor >= 1.05 else f"{factor:.2f} times"
 
 
+def listed(words: list[str]) -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
+
+
 def _whom(config: Config, metrics: dict[str, dict[str, Any]]) -> str:
     motion, biomech, body = metrics["motion"], metrics["biomech"], metrics["body"]
     joint = config.domain.joint
@@ -67,7 +72,7 @@ def _gives(brace: dict[str, Any]) -> str:
         return text + "."
     shares = [each["frontal_nm_per_deg"] / each["frontal_uniform_nm_per_deg"] for each in bent]
     parts = [f"{times(share)} at {each['flexion_deg']:.0f}" for share, each in zip(shares, bent, strict=True)]
-    return f"{text}; {' and '.join(parts)} degrees of flexion."
+    return f"{text}; {listed(parts)} degrees of flexion."
 
 
 def _costs(design: Design, brace: dict[str, Any], joint: str) -> str:

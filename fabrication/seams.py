@@ -163,7 +163,7 @@ def fit_graph(surface: Surface, axes: Float[Array, "3 3"], margin_mm: float, cel
     """
     places = surface.points @ axes[:2].T
     low = places.min(axis=0) - margin_mm
-    shape = tuple(np.ceil((places.max(axis=0) + margin_mm - low) / cell_mm).astype(int) + 1)
+    shape = tuple((np.ceil((places.max(axis=0) + margin_mm - low) / cell_mm).astype(int) + 1).tolist())
     middle, length = _outline(surface, axes, low, cell_mm, shape)
     data = bilinear(middle[:, :2], low, cell_mm, shape)
     normal = data.T @ diags_array(length / cell_mm) @ data + STIFFNESS * _bending(shape)

@@ -80,7 +80,7 @@ def thick_body(around: Surroundings, radius_mm: float, cell_mm: float = CELL_MM)
     grid = low + cell_mm * grid.reshape(-1, 3)[:, ::-1]
     order = np.ascontiguousarray(distance.transpose(2, 1, 0).reshape(-1))
     found = igl.marching_cubes(order, np.ascontiguousarray(grid), nx, ny, nz, radius_mm)
-    vertices, triangles = np.asarray(found[0]), np.asarray(found[1])
+    vertices, triangles = np.asarray(found[0]), np.asarray(found[1]).astype(np.int64)
     body = body_of(vertices, triangles, "shell")
     if body.volume() < 0:
         body = body_of(vertices, triangles[:, ::-1], "shell")

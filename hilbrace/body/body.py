@@ -15,7 +15,7 @@ class Body:
     """A subject's body in the neutral pose (all joint angles zero), OpenSim axes.
 
     Attributes:
-        model: Name of the body model: ``"anny-lite"``, ``"skel"`` or ``"mesh"``.
+        model: Name of the body model: ``"anny-lite"``, ``"skel"``, ``"mesh"`` or ``"scan"``.
         mass_kg: Mass [kg].
         height_m: Height [m].
         scaled_bodies: Names of the skeleton's bodies.
@@ -76,3 +76,30 @@ class LooseSkin:
     smoothed_on: Float[Array, "vertex 3"]
     joints: dict[str, Float[Array, " 3"]]
     whole: bool
+
+
+@dataclass(frozen=True)
+class ScannedBody:
+    """A body fitted to a scan, in the model's own pose; what ``hilbrace scan fit`` leaves for the body stage.
+
+    Attributes:
+        model: Name of the body model that was fitted.
+        sides: Legs that the scan showed, ``"l"`` and ``"r"``; the rest is the model's.
+        shape: Shape coefficients of the model.
+        vertices: Skin with the free displacement [m], OpenSim axes.
+        triangles: Skin triangles, outward.
+        raw_weights: Weights before smoothing, in the order of `hilbrace.body.segments.BONES`.
+        smoothed_on: Skin of the mean person, over which weights are smoothed [m].
+        joint_names: Names of the joints, ``knee_l`` and so on.
+        joint_centres: Their centres [m].
+    """
+
+    model: str
+    sides: tuple[str, ...]
+    shape: Float[Array, " coefficient"]
+    vertices: Float[Array, "vertex 3"]
+    triangles: Int[Array, "triangle 3"]
+    raw_weights: Float[Array, "vertex bone"]
+    smoothed_on: Float[Array, "vertex 3"]
+    joint_names: tuple[str, ...]
+    joint_centres: Float[Array, "joint 3"]

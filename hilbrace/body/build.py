@@ -13,6 +13,7 @@ from hilbrace.body.mesh import mesh_skin
 from hilbrace.body.mesh_joints import height_of_leg
 from hilbrace.body.model import BodyModel
 from hilbrace.body.neutral import joint_distances, place
+from hilbrace.body.scanned import scanned_skin
 from hilbrace.body.segments import BONES, JOINTS, skeleton_joints
 from hilbrace.body.skel import load_skel
 from hilbrace.body.skinning import smoothed_weights
@@ -123,7 +124,7 @@ def body_of(
     target = skeleton_joints(skeleton_from_table(scaled_table(load_table(), scales, mass_kg)))
     lengths = {**fit.target_figures(target), **(breadths or {})}
     size = (mass_kg, height_m)
-    own = mesh_skin(target, height_m, settings) if settings.model == "mesh" else _model(settings)
+    own = _own_skin(target, height_m, settings) or _model(settings)
 
     def hang(length: float) -> Body:
         loose = own if isinstance(own, LooseSkin) else fitted_skin(own, target, lengths, size, length)
@@ -205,6 +206,15 @@ def _hung(
         skinning=settings.skinning,
         weight_smoothing_mm=smoothing_mm,
     )
+
+
+def _own_skin(
+    target: dict[str, Float[Array, " 3"]], height_m: float, settings: BodySettings
+) -> LooseSkin | None:
+    """The person's own skin, where a mesh or a fitted scan gives it."""
+    if settings.model == "mesh":
+        return mesh_skin(target, height_m, settings)
+    return scanned_skin(settings) if settings.model == "scan" else None
 
 
 def _model(settings: BodySettings) -> BodyModel:

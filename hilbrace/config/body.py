@@ -15,12 +15,14 @@ Direction = Literal["x", "-x", "y", "-y", "z", "-z"]
 class BodySettings(Section):
     """The skin."""
 
-    model: Literal["anny", "skel", "mesh"] = Field(
+    model: Literal["anny", "skel", "mesh", "scan"] = Field(
         default="anny",
-        description="embedded body (anny), the user's own SKEL file (skel), or a surface as it is (mesh)",
+        description="embedded body (anny), the user's own SKEL file (skel), a surface as it is (mesh), or "
+        "the body that `hilbrace scan fit` made of a scan (scan)",
     )
     model_file: Path | None = Field(
-        default=None, description="converted SKEL file (.npz), or mesh (.ply, .obj, .stl)"
+        default=None,
+        description="converted SKEL file (.npz), mesh (.ply, .obj, .stl), or fitted scan (body.npz)",
     )
     gender: Literal["male", "female"] | None = Field(
         default=None, description="gender that the SKEL file must have"

@@ -16,6 +16,7 @@ ACTIONS = {
     "patterns": ("hilbrace.scan.patterns_command", "pictures for the projector, and a board to print"),
     "calibrate": ("hilbrace.scan.calibrate_command", "camera and projector from pictures of a board"),
     "decode": ("hilbrace.scan.decode_command", "points and mesh of a limb from pictures of it"),
+    "fit": ("hilbrace.scan.fit_command", "the body of a person from a scan of the legs"),
 }
 """Module of each action, and what it does."""
 

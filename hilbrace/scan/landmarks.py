@@ -1,0 +1,107 @@
+"""Landmarks of a leg: a small text file, and the vertices of the body model that they mean.
+
+One landmark a line: its name and three coordinates in the scan's own axes and unit, separated by blanks or
+commas; ``#`` begins a comment. MeshLab's picked points (``.pp``) are read as well.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from hilbrace.errors import InputError
+from hilbrace.scan.fit_limb import Limb
+from hilbrace.scan.fit_pose import Marks
+
+Array = np.ndarray
+
+_OUT, _UP, _FORE = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+PLACES: dict[str, tuple[str, Float[Array, "3"]]] = {
+    "knee_lateral": ("knee", 0.08 * _OUT),
+    "knee_medial": ("knee", -0.08 * _OUT),
+    "kneecap": ("knee", 0.10 * _FORE),
+    "knee_back": ("knee", -0.10 * _FORE),
+    "ankle_lateral": ("ankle", 0.05 * _OUT + 0.01 * _UP),
+    "ankle_medial": ("ankle", -0.05 * _OUT + 0.02 * _UP),
+    "heel": ("ankle", -0.10 * _FORE - 0.05 * _UP),
+    "trochanter": ("hip", 0.12 * _OUT - 0.01 * _UP),
+}
+"""Each landmark's joint, and a step from its centre towards the skin [m]: of the right leg, left mirrored."""
+_COUNT = 4
+
+
+def read_landmarks(path: Path) -> dict[str, Float[Array, "3"]]:
+    """Landmarks by name, in the scan's own axes and unit.
+
+    Raises:
+        InputError: There is no such file, or a line is none of a landmark.
+    """
+    if not path.is_file():
+        raise InputError("no such file", where=str(path), hint="check --landmarks")
+    try:
+        text = path.read_text("utf-8")
+    except UnicodeDecodeError:
+        raise InputError("not a text file", where=str(path), hint="store landmarks as plain text") from None
+    if path.suffix.lower() == ".pp":
+        return _picked(text, path)
+    found: dict[str, Float[Array, "3"]] = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split("#")[0].replace(",", " ").split()
+        if not words:
+            continue
+        try:
+            place = np.array([float(word) for word in words[1:]])
+        except ValueError:
+            place = np.zeros(0)
+        if len(words) != _COUNT or not np.isfinite(place).all():
+            raise InputError(
+                f"line {number} is '{line.strip()}'",
+                where=str(path),
+                hint="write a name and three coordinates: knee_lateral 12.5 430 88",
+            )
+        found[words[0]] = place
+    return found
+
+
+def marks_of(limb: Limb, places: dict[str, Float[Array, "3"]], metres: float, where: str) -> Marks:
+    """Landmarks as vertices of the limb.
+
+    Args:
+        limb: The limb; with both legs, names end in ``_r`` or ``_l``.
+        places: Landmarks in the scan's axes and unit.
+        metres: Metres per unit.
+        where: Their file, for errors.
+
+    Raises:
+        InputError: A name is none of `PLACES`.
+    """
+    joints = limb.model.joints(np.zeros(0))
+    vertices, wanted = [], []
+    for name, place in places.items():
+        plain, side = (name[:-2], name[-1]) if name[-2:] in ("_r", "_l") else (name, limb.sides[0])
+        if plain not in PLACES or side not in limb.sides or (len(limb.sides) > 1 and plain == name):
+            ending = " with _r or _l" if len(limb.sides) > 1 else ""
+            raise InputError(
+                f"unknown landmark '{name}'", where=where, hint=f"use {', '.join(PLACES)}{ending}"
+            )
+        joint, step = PLACES[plain]
+        mirrored = step * np.array([1.0, 1.0, 1.0 if side == "r" else -1.0])
+        target = joints[f"{joint}_{side}"] + mirrored
+        vertices.append(int(np.linalg.norm(limb.template - target, axis=1).argmin()))
+        wanted.append(place * metres)
+    return Marks(np.array(wanted).reshape(-1, 3), np.array(vertices, dtype=np.int64))
+
+
+def _picked(text: str, path: Path) -> dict[str, Float[Array, "3"]]:
+    try:
+        points = ElementTree.fromstring(text).iter("point")
+        return {
+            point.attrib["name"]: np.array([float(point.attrib[axis]) for axis in "xyz"]) for point in points
+        }
+    except (ElementTree.ParseError, KeyError, ValueError) as fault:
+        raise InputError(
+            f"no picked points: {fault}", where=str(path), hint="save them in MeshLab again"
+        ) from None

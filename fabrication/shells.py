@@ -48,6 +48,7 @@ def build_shells(casting: Casting, core: Core, parting: Parting, settings: MoldS
     """
     body = _lid(casting, settings) if casting.flat else _sleeve(core, parting, settings)
     body = body - core.land
+    body.volume()  # computed once, not again for each shell
     pieces = []
     rooms = zip(parting.names, parting.titles, parting.sectors, parting.reliefs, parting.pulls, strict=True)
     for number, (name, title, sector, clearing, pull) in enumerate(rooms):

@@ -157,7 +157,7 @@ def _spread(length_mm: float, spacing_mm: float) -> tuple[list[float], list[floa
     return bolts.tolist(), (0.5 * (bolts[1:] + bolts[:-1])).tolist()
 
 
-def _resampled(line: Float[Array, "point 2"], points: Float[Array, "point 3"]) -> Float[Array, "point 2"]:
+def _resampled(line: Float[Array, "point 2"], points: Float[Array, "point xyz"]) -> Float[Array, "even 2"]:
     """A line of the grid with points at even distances in space."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     even = np.linspace(0.0, way[-1], max(int(np.ceil(way[-1] / STEP_MM)), 1) + 1)

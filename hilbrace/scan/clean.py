@@ -137,7 +137,9 @@ def _holes(vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3
     holes = []
     for loop in igl.boundary_loop_all(triangles):
         ring = vertices[loop]
-        length = float(np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1).sum())
-        x, y, z = (float(value) for value in ring.mean(axis=0))
+        after = np.roll(ring, -1, axis=0)
+        lengths = np.linalg.norm(after - ring, axis=1)
+        length = float(lengths.sum())
+        x, y, z = (float(value) for value in np.average(0.5 * (ring + after), axis=0, weights=lengths))
         holes.append(Hole((x, y, z), length, float(np.ptp(ring, axis=0).max())))
     return tuple(sorted(holes, key=lambda hole: -hole.length_mm))

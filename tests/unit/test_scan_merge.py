@@ -152,21 +152,26 @@ def test_nothing_seen_is_no_mesh():
 
 
 def test_the_largest_piece_stays_and_holes_are_reported():
-    tube = trimesh.creation.cylinder(50.0, 300.0, sections=60).subdivide_to_size(5.0)
-    vertices = tube.vertices[:, [0, 2, 1]]
-    middle = vertices[tube.faces].mean(axis=1)
-    open_tube = np.abs(middle[:, 1]) < 145.0
-    window = (np.linalg.norm(middle - [0, 20, 50], axis=1) > 25.0) & open_tube
+    around, along = 120, 101
+    angle, height = np.meshgrid(np.arange(around) * 2 * np.pi / around, np.linspace(-150, 150, along))
+    vertices = np.stack([50 * np.sin(angle), height, 50 * np.cos(angle)], axis=-1).reshape(-1, 3)
+    k = (np.arange(along - 1)[:, None] * around + np.arange(around)).ravel()
+    right = k - k % around + (k + 1) % around
+    faces = np.concatenate(
+        [np.stack([k, right, right + around], 1), np.stack([k, right + around, k + around], 1)]
+    )
+    window = np.linalg.norm(vertices[faces].mean(axis=1) - [0, 20, 50], axis=1) > 25.0
     crumb = trimesh.creation.icosphere(1, 5.0)
     all_vertices = np.concatenate([vertices, crumb.vertices + np.array([200, 0, 0])])
-    triangles = np.concatenate([tube.faces[window], crumb.faces + len(vertices)])
+    triangles = np.concatenate([faces[window], crumb.faces + len(vertices)])
     mesh = clean_mesh(all_vertices, triangles, "tube")
     assert mesh.pieces_dropped == 1
     assert 0.0 < mesh.area_dropped < 0.02
     assert len(mesh.holes) == 3
     (hole,) = inner_holes(mesh)
-    assert np.linalg.norm(np.array(hole.middle) - [0, 20, 47]) < 8.0
-    assert 40.0 < hole.across_mm < 65.0
+    assert np.linalg.norm(np.array(hole.middle) - [0, 20, 47]) < 2.0
+    assert hole.across_mm == pytest.approx(50.0, abs=6.0)
+    assert 150.0 < hole.length_mm < 260.0
     assert len(np.unique(mesh.triangles)) == len(mesh.vertices)
 
 

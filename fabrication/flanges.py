@@ -29,6 +29,10 @@ FROM_END_MM = 9.0
 SHORTEST_MM = 25.0
 """Flanges shorter than this between those margins get one bolt [mm]."""
 
+BOLT_ROOM_MM, KEY_ROOM_MM = 16.0, 10.0
+"""Bolts stand this far from each other, where two stretches of a flange meet; keys and slots from bolts and
+from each other [mm]."""
+
 STEP_MM = 1.0
 """Spacing of the points on the line along the middle of a flange [mm]."""
 
@@ -84,7 +88,9 @@ def flange_places(casting: Casting, parting: Parting, settings: MoldSettings) ->
             keys += [chart.place(_at(line, way)) for way in between[::2]]
             if edge:
                 jacks += [chart.place(_nearest(edge, chart, _at(line, way))) for way in between[1::2]]
-    return FlangePlaces(tuple(bolts), tuple(keys), tuple(jacks))
+    bolts = _apart(bolts, (), BOLT_ROOM_MM)
+    keys = _apart(keys, bolts, KEY_ROOM_MM)
+    return FlangePlaces(bolts, keys, _apart(jacks, (*bolts, *keys), KEY_ROOM_MM))
 
 
 @dataclass(frozen=True)
@@ -144,6 +150,16 @@ class _Chart:
         outward = np.linalg.lstsq(ways, rise, rcond=None)[0]
         outward -= (outward @ direction) * direction
         return outward / np.linalg.norm(outward)
+
+
+def _apart(places: list[Place], taken: tuple[Place, ...], room_mm: float) -> tuple[Place, ...]:
+    """Places that keep a distance from those taken and from each other, the first of two kept."""
+    kept: list[Place] = []
+    for place in places:
+        others = (*taken, *kept)
+        if all(np.linalg.norm(place.point - other.point) >= room_mm for other in others):
+            kept.append(place)
+    return tuple(kept)
 
 
 def _spread(length_mm: float, spacing_mm: float) -> tuple[list[float], list[float]]:

@@ -1,8 +1,8 @@
 """Time of the design loop at 10k triangles and 45 frames, and of one evaluation of the field.
 
-Run by ``pytest tests/bench/test_design_speed.py --benchmark-only -s``. Goals on two quiet cores: 200 iterations
-in 90 s with MKL and in 4 min with scipy alone, the field at 10k points in 2 ms. An iteration of the real loop
-is timed (losses, gradient, step, checkpoint), and the whole run is told as 200 of them.
+Run by ``pytest tests/bench/test_design_speed.py --benchmark-only -s``. Goals on two quiet cores: 200
+iterations in 90 s with MKL and in 4 min with scipy alone, the field at 10k points in 2 ms. An iteration of
+the real loop is timed (losses, gradient, step, checkpoint), and the whole run is told as 200 of them.
 """
 
 from __future__ import annotations

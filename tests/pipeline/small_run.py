@@ -13,11 +13,15 @@ SMALL = {
     "subject": {"name": "synthetic subject"},
     "motion": {"synthetic": "squat", "window": [0.6, 1.3], "cutoff_hz": 15.0},
     "domain": {"triangles": 700, "frames_per_second": 8.0},
-    "optimize": {"iterations": 24, "checkpoint_every": 2},
+    "optimize": {"iterations": 24, "checkpoint_every": 2, "snapshots": 8},
 }
 
 RESULTS = (
     "optimize/optimize.npz",
+    "optimize/history.csv",
+    "optimize/history.png",
+    "optimize/film.gif",
+    "optimize/film.glb",
     "solid/solid.npz",
     "solid/brace.stl",
     "solid/brace.ply",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import shutil
 import time
 from pathlib import Path
 
@@ -42,6 +43,69 @@ def test_a_killed_run_ends_in_the_same_bytes(undisturbed: tuple[Path, float], tm
     assert digests(folder) == digests(reference)
 
 
+SETTINGS = {
+    "default": {},
+    "exact": {"volume": "exact", "segmentation_every": 7, "gradient_noise": 0.1},
+    "network": {"field": "network", "coupling": "paper", "p_norm_start": 4.0, "sharpness_end": 2.0},
+    "all": {"field": "network", "volume": "exact", "segmentation_every": 7, "gradient_noise": 0.1},
+}
+"""Loops of every kind: with what they draw, solve and refresh on the way."""
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("kind", SETTINGS)
+def test_killed_at_twenty_random_moments_each_run_ends_in_the_same_bytes(kind: str, tmp_path: Path):
+    """Twenty runs, each killed once at any moment of its whole course, and twenty kills of one run."""
+    reference = write_small_run(tmp_path / "reference", optimize=SETTINGS[kind])
+    begin = time.perf_counter()
+    finish(reference)
+    seconds = time.perf_counter() - begin
+    expected, chance = digests(reference), random.Random(kind)
+    often = write_small_run(tmp_path / "often", optimize=SETTINGS[kind])
+    for number in range(20):
+        once = write_small_run(tmp_path / f"once_{number}", optimize=SETTINGS[kind])
+        _kill_after(once, chance.uniform(0.0, 1.0) * seconds)
+        finish(once)
+        assert digests(once) == expected, f"kill {number}"
+        shutil.rmtree(once)
+        _kill_after(often, chance.uniform(0.1, 0.6) * seconds)
+    finish(often)
+    assert digests(often) == expected
+
+
+def _kill_after(folder: Path, seconds: float) -> None:
+    process = start(folder)
+    time.sleep(seconds)
+    process.kill()
+    process.communicate()
+
+
+def test_a_loop_with_every_part_survives_a_kill(undisturbed: tuple[Path, float], tmp_path: Path):
+    """The domain is the undisturbed run's; only the design is made again."""
+    reference, _ = undisturbed
+    designs = []
+    for name in ("whole", "killed"):
+        folder = tmp_path / name
+        shutil.copytree(reference, folder)
+        shutil.rmtree(folder / "optimize")
+        write_small_run(folder, optimize=SETTINGS["all"])
+        if name == "killed":
+            _kill_at_a_checkpoint(folder)
+        finish(folder, "--until", "optimize")
+        designs.append((folder / "optimize" / "optimize.npz").read_bytes())
+    assert designs[0] == designs[1]
+
+
+def _kill_at_a_checkpoint(folder: Path) -> None:
+    process = start(folder)
+    while process.poll() is None and not (folder / "optimize" / "checkpoint.npz").exists():
+        time.sleep(0.005)
+    process.kill()
+    process.communicate()
+    assert (folder / "optimize" / "checkpoint.npz").exists()
+
+
 def test_killed_while_optimizing_the_checkpoint_is_used(undisturbed: tuple[Path, float], tmp_path: Path):
     reference, _ = undisturbed
     folder = write_small_run(tmp_path / "checkpoint")
@@ -75,8 +139,6 @@ def test_another_seed_gives_another_design(undisturbed: tuple[Path, float], tmp_
 
 
 def test_only_what_changed_is_repeated(undisturbed: tuple[Path, float], tmp_path: Path):
-    import shutil
-
     reference, _ = undisturbed
     folder = tmp_path / "changed"
     shutil.copytree(reference, folder)

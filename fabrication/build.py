@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from manifold3d import Manifold, OpType
 
+from fabrication.bed_split import split_for_bed
 from fabrication.core import build_core
 from fabrication.filling import plan
 from fabrication.fixtures.luer import placed_luer_port, syringe_room
@@ -61,7 +62,8 @@ def build_mold(casting: Casting, settings: MoldSettings, step: Step = quietly) -
         filling, vents = plan(casting, core, shells, settings)
         boss, bore = placed_luer_port(filling.port, filling.inlet, settings.wall_mm)
     with step("fixtures"):
-        joints = find_joints(flange_places(casting, parting, settings), settings)
+        places = flange_places(casting, parting, settings)
+        joints = find_joints(places, settings)
         ported = _at(shells, filling.port + 0.5 * settings.wall_mm * filling.inlet).name
         out_of_core = [boss.body() - core.land]
         shells = tuple(_fitted(piece, out_of_core if piece.name == ported else [], []) for piece in shells)
@@ -74,8 +76,12 @@ def build_mold(casting: Casting, settings: MoldSettings, step: Step = quietly) -
         inner = Piece("core", "Core", "core", core.solid, None, np.eye(3), CORE_COLOUR)
         inner = _fitted(inner, [], [*vents, stand.core_cutter])
         pieces = joined((inner, *shells), joints)
+    with step("bed"):
+        taken = [place.point for place in (*places.bolts, *places.keys, *places.jacks)]
+        avoid = np.array([*taken, filling.port, *filling.vents])
+        split = split_for_bed((*pieces, stand.piece), printer, core, settings, avoid)
     with step("marks"):
-        pieces = (*marked(pieces, casting, core.axis), stand.piece)
+        pieces = marked(split.pieces, casting, core.axis)
     with step("poses"):
         pieces = pose_pieces(pieces, printer, core.axis)
     return Mold(
@@ -83,12 +89,12 @@ def build_mold(casting: Casting, settings: MoldSettings, step: Step = quietly) -
         core=core,
         pieces=pieces,
         filling=filling,
-        hardware=shopping_list(joints.hardware),
+        hardware=shopping_list((*joints.hardware, *split.hardware)),
         undercut=parting.undercut_mm2,
         undercut_deg=parting.undercut_deg,
         shell_of=parting.shell_of,
         channels=(bore.body(), *vents),
-        drawn=(boss, bore, *joints.drawn, *stand.placed),
+        drawn=(boss, bore, *joints.drawn, *split.drawn, *stand.placed),
     )
 
 

@@ -23,6 +23,9 @@ Array = np.ndarray
 BELOW_MM, ABOVE_MM = 1.0, 0.5
 """How far the measuring body reaches under the limb's surface and into the shells [mm]."""
 
+COARSE_MM = 0.1
+"""The measuring body need not be fine: its own volume is known, and it lies clear of all faces [mm]."""
+
 RAYS = 4000
 """Places at which the depth of the cavity is measured."""
 
@@ -84,7 +87,7 @@ def room_of(casting: Casting) -> Manifold:
         a, b = loop, np.roll(loop, -1)
         walls += [np.stack([b, a, a + count], axis=1), np.stack([b, a + count, b + count], axis=1)]
     triangles = np.concatenate([casting.triangles, casting.triangles[:, ::-1] + count, *walls])
-    room = body_of(np.concatenate([top, bottom]), triangles, "room of the cavity")
+    room = body_of(np.concatenate([top, bottom]), triangles, "room of the cavity").simplify(COARSE_MM)
     for end in () if casting.flat else find_ends(casting):
         room = end.trim(room)
     return room

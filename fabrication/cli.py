@@ -112,8 +112,6 @@ def _settings(options: argparse.Namespace) -> MoldSettings:
 
 
 def _casting(options: argparse.Namespace, settings: MoldSettings) -> Casting:
-    from fabrication.casting import casting_of_run, casting_of_stl
-
     source: Path = options.source
     if source.is_dir():
         if options.limb or options.units:
@@ -123,11 +121,15 @@ def _casting(options: argparse.Namespace, settings: MoldSettings) -> Casting:
                 where=str(source),
                 hint=f"leave {given} out: the run knows its limb, in millimetres",
             )
+        from fabrication.casting import casting_of_run
+
         return casting_of_run(source, settings)
     if not source.exists():
         raise InputError(
             "no such file or folder", where=str(source), hint="name a run folder or a brace's STL file"
         )
+    from fabrication.casting import casting_of_stl
+
     return casting_of_stl(source, options.limb, settings, units=options.units)
 
 

@@ -32,6 +32,12 @@ VENT_MM = 1.6
 VENT_CLIMB_DEG = 40.0
 """How steeply vents climb on their way out [deg]: printable without support, and air rises in them."""
 
+VENT_TURNS_DEG = (0.0, 25.0, -25.0, 50.0, -50.0)
+"""Turns to the side by which a vent may avoid the flanges [deg]."""
+
+VENT_ROOM_MM = 3.5
+"""A vent keeps so far from the next shell [mm]."""
+
 PORT_HEIGHT_MM = 4.0
 """How far above the lower rim the syringe goes in [mm]."""
 
@@ -172,17 +178,34 @@ def _level(direction: Float[Array, "3"], up: Float[Array, "3"]) -> Float[Array, 
 def _vent(
     point: Float[Array, "3"], outward: Float[Array, "3"], up: Float[Array, "3"], shells: tuple[Piece, ...]
 ) -> Manifold:
-    """A drill from inside the cavity, outwards and up, through the shell."""
-    climb = np.deg2rad(VENT_CLIMB_DEG)
-    way = np.cos(climb) * outward + np.sin(climb) * up
-    far = point + FAR_MM * way
-    hits = [
-        np.linalg.norm(np.asarray(hit.position) - point)
-        for piece in shells
-        for hit in piece.solid.ray_cast(tuple(point), tuple(far))
-    ]
-    length = max(hits, default=4 * VENT_MM) + VENT_MM
-    return cylinder(point - 0.5 * VENT_MM * way, way, length + 0.5 * VENT_MM, 0.5 * VENT_MM)
+    """A drill from inside the cavity, outwards and up, through the wall of one shell.
+
+    Of the ways out, turned to either side, the straightest one is taken that keeps clear of the next shell.
+    """
+    drills = []
+    for turn in VENT_TURNS_DEG:
+        way = _climbing(outward, up, turn)
+        length = _way_out(point, way, shells) + VENT_MM
+        start = point - 0.5 * VENT_MM * way
+        room = cylinder(start, way, length, VENT_ROOM_MM)
+        met = sorted(((room ^ piece.solid).volume() for piece in shells), reverse=True)
+        drills.append((sum(met[1:]), cylinder(start, way, length + 0.5 * VENT_MM, 0.5 * VENT_MM)))
+        if sum(met[1:]) == 0:
+            break
+    return min(drills, key=lambda drill: drill[0])[1]
+
+
+def _climbing(outward: Float[Array, "3"], up: Float[Array, "3"], turn_deg: float) -> Float[Array, "3"]:
+    climb, turn = np.deg2rad((VENT_CLIMB_DEG, turn_deg))
+    level = np.cos(turn) * outward + np.sin(turn) * np.cross(up, outward)
+    return np.cos(climb) * level + np.sin(climb) * up
+
+
+def _way_out(point: Float[Array, "3"], way: Float[Array, "3"], shells: tuple[Piece, ...]) -> float:
+    """Distance to the outer face of the shells [mm]."""
+    far = tuple(point + FAR_MM * way)
+    hits = (hit for piece in shells for hit in piece.solid.ray_cast(tuple(point), far))
+    return max((float((np.asarray(hit.position) - point) @ way) for hit in hits), default=4 * VENT_MM)
 
 
 def cylinder(

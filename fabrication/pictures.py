@@ -232,19 +232,19 @@ def step_close(scene: Scene) -> Figure:
 def step_fill(scene: Scene) -> Figure:
     """The closed mold, with the way in and the ways out."""
     filling, axis = scene.mold.filling, scene.mold.core.axis
-    view = view_from(filling.inlet + 0.55 * np.cross(axis, filling.inlet) + 0.35 * axis, axis)
+    view = view_from(filling.inlet + 1.2 * np.cross(axis, filling.inlet) + 0.45 * axis, axis)
     parts = scene.bodies.values()
-    figure, axes = canvas(view, parts, margin=(0.14, 0.14))
+    figure, axes = canvas(view, parts, margin=(0.10, 0.08))
     paint(axes, view, parts)
     points = np.concatenate([body.vertices for body in parts])
     long = 0.2 * float(np.ptp(points @ axis))
     mouth = filling.port + MOUTH_MM * filling.inlet
     _arrow(axes, *view.flat(np.stack([mouth + long * filling.inlet, mouth])), "silicone in", SILICONE)
-    crown = scene.mold.core.upper.mean(axis=0)
-    crown = crown + ((scene.mold.core.upper @ axis).max() + 12.0 - crown @ axis) * axis
+    middle = scene.mold.core.upper.mean(axis=0)
+    crown = middle + ((scene.mold.core.upper @ axis).max() + 12.0 - middle @ axis) * axis
     _arrow(axes, *view.flat(np.stack([crown, crown + long * axis])), "air out", AIR, at_tip=True)
     for vent in filling.vents:
-        if (vent - scene.mold.core.upper.mean(axis=0)) @ view.near > 0:
+        if (vent - middle) @ np.cross(view.right, axis) > 0:
             axes.plot(*view.flat(vent[None])[0], "o", mfc="none", mec=AIR, ms=9, zorder=5)
     return figure
 

@@ -20,18 +20,25 @@ START_MM = 1e-4
 """How far inside the face a ray starts [mm]."""
 
 
-SPECKS = 5
-"""Thin places that fewer rays meet are specks: a rounded corner, the thread of a mark."""
+TOGETHER, AROUND_MM = 3, 8.0
+"""A thin wall is met by so many rays within so many mm; fewer meet a speck: a rounded corner, an edge of a
+mark."""
 
 
 def thinnest_wall(solid: Manifold, reach_mm: float, rays: int = RAYS) -> float:
-    """Thickness of the thinnest wall that more than a few rays meet [mm]; the reach where all are thicker."""
-    walls = wall_thickness(solid, reach_mm, rays)
-    return float(walls[SPECKS]) if len(walls) > SPECKS else reach_mm
+    """Thickness of the thinnest wall that is more than a speck [mm]; the reach where all are thicker."""
+    walls, places = wall_thickness(solid, reach_mm, rays)
+    for index in range(len(walls)):
+        near = np.linalg.norm(places[: index + 1] - places[index], axis=1) < AROUND_MM
+        if near.sum() >= TOGETHER:
+            return float(walls[index])
+    return reach_mm
 
 
-def wall_thickness(solid: Manifold, reach_mm: float, rays: int = RAYS) -> Float[Array, " wall"]:
-    """Thickness of a body's walls where they are thinner than a reach [mm], thinnest first.
+def wall_thickness(
+    solid: Manifold, reach_mm: float, rays: int = RAYS
+) -> tuple[Float[Array, " wall"], Float[Array, "wall 3"]]:
+    """Thickness of a body's walls where they are thinner than a reach [mm], thinnest first, and where.
 
     Rays start from evenly spaced places of the surface, against the normal. What counts is a face on the
     other side that looks the other way; the slope of the far face is taken off.
@@ -50,11 +57,13 @@ def wall_thickness(solid: Manifold, reach_mm: float, rays: int = RAYS) -> Float[
     chosen = np.minimum(np.searchsorted(np.cumsum(areas), edges), len(areas) - 1)
     starts = corners[chosen].mean(axis=1) - START_MM * normals[chosen]
     ends = starts - reach_mm * normals[chosen]
-    found = []
+    found, places = [], []
     for start, end, normal in zip(starts, ends, normals[chosen], strict=True):
         hits = solid.ray_cast(tuple(start), tuple(end))
         if hits:
             facing = float(np.dot(hits[0].normal, normal))
             if facing < OPPOSITE:
                 found.append(np.linalg.norm(np.asarray(hits[0].position) - start) * -facing + START_MM)
-    return np.sort(np.array(found, dtype=float))
+                places.append(start)
+    order = np.argsort(found, kind="stable")
+    return np.array(found, dtype=float)[order], np.array(places, dtype=float).reshape(-1, 3)[order]

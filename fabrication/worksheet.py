@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import Environment
 from markupsafe import Markup
 
+from fabrication.checks import overhang_mm2
 from fabrication.mold import Mold
 from fabrication.printable import Printable
 from fabrication.slicer import INFILL, PERIMETERS
@@ -140,10 +141,18 @@ def _row(piece: Printable, result: MoldResult) -> dict[str, Any]:
         "file": f"stl/{piece.piece.name}.stl",
         "size": " x ".join(f"{length:.0f}" for length in piece.size),
         "volume": f"{piece.volume_mm3 / 1000:.0f}",
+        "supports": _supports(piece, result),
         "time": hours(slicing.minutes) if slicing else "",
         "filament": f"{slicing.filament_g:.0f}" if slicing else "",
         "colour": "#" + "".join(f"{round(255 * value):02x}" for value in piece.piece.colour),
     }
+
+
+def _supports(piece: Printable, result: MoldResult) -> str:
+    """What to tell the slicer: a core's ceilings are as short as the brace is thick and need none."""
+    if piece.piece.kind == "core" or overhang_mm2(piece, result.printer) < SUPPORT_MM2:
+        return "none"
+    return "from the bed only"
 
 
 def _total(result: MoldResult) -> dict[str, str]:

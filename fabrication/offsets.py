@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import igl
 import numpy as np
 from jaxtyping import Float
 from manifold3d import Manifold
@@ -12,6 +11,7 @@ from scipy.spatial import KDTree
 
 from fabrication.bodies import body_of, mesh_of
 from fabrication.faces import vertex_normals
+from fabrication.level_set import level_surface
 
 Array = np.ndarray
 
@@ -67,23 +67,12 @@ def thick_body(around: Surroundings, radius_mm: float, cell_mm: float = CELL_MM)
         radius_mm: The distance [mm].
         cell_mm: Spacing of the grid [mm]. The body's surface lies within a few hundredths of a millimetre of
             the true one where that is flat over a cell.
-
-    Raises:
-        GeometryError: The level set does not close.
     """
     pad = radius_mm + 2.0 * cell_mm
     low = around.points.min(axis=0) - pad
     blocks = np.ceil((around.points.max(axis=0) + pad - low) / (cell_mm * COARSE)).astype(int)
     distance = _distances(around, low, blocks, radius_mm, cell_mm)
-    nx, ny, nz = distance.shape
-    grid = np.stack(np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij"), axis=-1)
-    grid = low + cell_mm * grid.reshape(-1, 3)[:, ::-1]
-    order = np.ascontiguousarray(distance.transpose(2, 1, 0).reshape(-1))
-    found = igl.marching_cubes(order, np.ascontiguousarray(grid), nx, ny, nz, radius_mm)
-    vertices, triangles = np.asarray(found[0]), np.asarray(found[1]).astype(np.int64)
-    body = body_of(vertices, triangles, "shell")
-    if body.volume() < 0:
-        body = body_of(vertices, triangles[:, ::-1], "shell")
+    body = body_of(*level_surface(distance, radius_mm, low, cell_mm), "shell")
     return body.simplify(SMOOTH_MM)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, UInt32
+from jaxtyping import Float, Integer
 
 Array = np.ndarray
 
@@ -23,5 +23,5 @@ class AxisCode:
 
     place: Float[Array, "row column"]
     error: Float[Array, "row column"]
-    code: UInt32[Array, "row column"]
+    code: Integer[Array, "row column"]
     inside: Float[Array, "row column"]

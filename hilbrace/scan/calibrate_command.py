@@ -18,7 +18,7 @@ from hilbrace.scan.calibrate import SeenBoard, calibrate_pair, see_board
 from hilbrace.scan.calibration import Calibration, save_calibration
 from hilbrace.scan.capture import SUFFIXES, open_capture
 from hilbrace.scan.decode import decode_capture
-from hilbrace.scan.patterns import PatternPlan, read_manifest
+from hilbrace.scan.patterns import MANIFEST, PatternPlan, read_manifest
 
 EXAMPLE = "hilbrace scan calibrate captures --patterns patterns --board charuco:7x5:30:22"
 GOOD_COVER = 0.5
@@ -41,13 +41,27 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def add_patterns_option(command: argparse.ArgumentParser) -> None:
     """The folder of patterns, for commands that read pictures of them."""
     command.add_argument(
-        "--patterns", type=Path, default=Path("patterns"), metavar="DIR", help="folder projected (patterns)"
+        "--patterns",
+        type=Path,
+        metavar="DIR",
+        help="folder that was projected (default: a manifest.json beside the pictures, or patterns)",
     )
+
+
+def patterns_folder(named: Path | None, captures: list[Path]) -> Path:
+    """The folder with the list of patterns: the one named, else that of the pictures or the one around it."""
+    if named is not None:
+        return named
+    around = (folder for capture in captures for folder in (capture, capture.resolve().parent))
+    return next((folder for folder in around if (folder / MANIFEST).is_file()), Path("patterns"))
 
 
 def act(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     """Calibrate; figures, and what to tell a person."""
-    plan, board = read_manifest(options.patterns), parse_board(options.board)
+    plan, board = (
+        read_manifest(patterns_folder(options.patterns, options.captures)),
+        parse_board(options.board),
+    )
     folders = pose_folders(options.captures)
     with display(Console(stderr=True, quiet=options.json or not sys.stderr.isatty()), "poses") as progress:
         seen, refused, size = see_poses(folders, plan, board, progress)

@@ -43,6 +43,8 @@ class CleanMesh:
         holes: Its borders, the longest first.
         pieces_dropped: Smaller pieces that were left out.
         area_dropped: Their part of the whole area [-].
+        second_middle: Middle of the largest of them [mm]; none without one.
+        second_part: Its area against that of the piece that stays [-].
     """
 
     vertices: Float[Array, "vertex 3"]
@@ -50,6 +52,8 @@ class CleanMesh:
     holes: tuple[Hole, ...]
     pieces_dropped: int
     area_dropped: float
+    second_middle: tuple[float, float, float] | None
+    second_part: float
 
 
 def clean_mesh(
@@ -75,6 +79,8 @@ def clean_mesh(
     label = _pieces(triangles)
     sizes = np.bincount(label, area)
     largest = label == int(sizes.argmax())
+    second = label == int(np.argsort(sizes)[-2]) if len(sizes) > 1 else None
+    x, y, z = (0.0, 0.0, 0.0) if second is None else vertices[triangles[second]].mean(axis=(0, 1))
     own = _without_pinches(triangles[largest])
     label = _pieces(own)
     own = own[label == int(np.bincount(label, _areas(vertices, own)).argmax())]
@@ -86,6 +92,8 @@ def clean_mesh(
         _holes(vertices, own),
         len(sizes) - 1,
         float(1.0 - _areas(vertices, own).sum() / max(area.sum(), 1e-12)),
+        None if second is None else (float(x), float(y), float(z)),
+        0.0 if second is None else float(np.sort(sizes)[-2] / sizes.max()),
     )
 
 

@@ -42,7 +42,7 @@ class Decoded:
         lit: Pixels that the projector reaches.
         saturated: Lit pixels that are over-exposed.
         noise: Standard deviation of the pictures' noise [grey levels].
-        contrast: Median of white less black over lit pixels [grey levels].
+        contrast: Median of white less black over decoded pixels [grey levels].
         agreement: Part of the modulated pixels on which Gray code and phase agree; 1 without phase [-].
     """
 
@@ -85,7 +85,7 @@ def decode_capture(capture: Capture) -> Decoded:
         lit=light.lit,
         saturated=light.saturated,
         noise=noise,
-        contrast=float(np.median(light.contrast[light.lit])),
+        contrast=float(np.median(light.contrast[known if known.any() else light.lit])),
         agreement=agreement,
     )
 

@@ -17,7 +17,7 @@ from rich.console import Console
 from hilbrace.errors import ConfigError
 from hilbrace.run.progress import display
 from hilbrace.run.records import write_atomic
-from hilbrace.scan.calibrate_command import add_patterns_option
+from hilbrace.scan.calibrate_command import add_patterns_option, patterns_folder
 from hilbrace.scan.calibration import Calibration, read_calibration
 from hilbrace.scan.capture import open_capture
 from hilbrace.scan.clean import CleanMesh, clean_mesh, inner_holes
@@ -32,6 +32,8 @@ from hilbrace.scan.view_picture import write_view_picture
 EXAMPLE = "hilbrace scan decode leg_front leg_left --calibration calibration.toml --turn 0,45 --out leg"
 GRID_MM = 2.0
 """Distance of the mesh's grid points [mm]."""
+LARGE_PIECE = 0.2
+"""Area of a dropped piece, against that which stays, from which it is told [-]."""
 DARK = 40.0
 """Contrast below which the pictures are called dark [grey levels]."""
 
@@ -88,7 +90,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def act(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     """Decode, merge and mesh; figures, and what to tell a person."""
-    plan = read_manifest(options.patterns)
+    plan = read_manifest(patterns_folder(options.patterns, options.captures))
     calibration = read_calibration(options.calibration)
     _check_pair(plan, calibration, options)
     turns = _turns(options.turn, len(options.captures))
@@ -194,6 +196,9 @@ def _figures(
             "size_mm": np.ptp(mesh.vertices, axis=0).tolist(),
             "pieces_dropped": mesh.pieces_dropped,
             "area_dropped": mesh.area_dropped,
+            "depth_mm": (-mesh.vertices[:, 2].max(), -mesh.vertices[:, 2].min()),
+            "second_piece_middle": mesh.second_middle,
+            "second_piece_part": mesh.second_part,
             "borders": [asdict(hole) for hole in mesh.holes],
             "holes_inside": len(inner_holes(mesh)),
         },
@@ -219,6 +224,14 @@ def _text(figures: dict[str, Any], out: Path) -> str:
         f"mesh: {mesh['triangles']} triangles, {width:.0f} x {height:.0f} x {depth:.0f} mm,"
         f" {mesh['pieces_dropped']} smaller pieces dropped ({100 * mesh['area_dropped']:.1f} % of the area)"
     )
+    if mesh["second_piece_part"] > LARGE_PIECE:
+        near, far = mesh["depth_mm"]
+        x, y, z = mesh["second_piece_middle"]
+        lines += [
+            f"  note: a dropped piece around ({x:.0f}, {y:.0f}, {z:.0f}) mm has"
+            f" {100 * mesh['second_piece_part']:.0f} % of the area of this one,",
+            f"  which is {near:.0f} to {far:.0f} mm away; choose the limb with --depth NEAR:FAR",
+        ]
     for border in mesh["borders"][:6]:
         x, y, z = border["middle"]
         lines.append(
@@ -241,7 +254,7 @@ def _check_pair(plan: PatternPlan, calibration: Calibration, options: argparse.N
         raise ConfigError(
             f"the patterns are for a projector of {plan.width} x {plan.height} pixels, the calibration for"
             f" {width} x {height}",
-            where=f"{options.patterns}, {options.calibration}",
+            where=str(options.calibration),
             hint="calibrate with the patterns that are projected on the limb",
         )
 

@@ -8,19 +8,19 @@ where decoding failed; this one reads whole pictures.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Int, UInt32
+from jaxtyping import Float, Int, Integer
 
 Array = np.ndarray
 
 
 def add_bit(
-    code: UInt32[Array, "*pixel"], picture: Float[Array, "*pixel"], inverse: Float[Array, "*pixel"]
-) -> UInt32[Array, "*pixel"]:
+    code: Integer[Array, "*pixel"], picture: Float[Array, "*pixel"], inverse: Float[Array, "*pixel"]
+) -> Integer[Array, "*pixel"]:
     """Append the next finer bit, which is 1 where the picture is brighter than its inverse."""
     return (code << np.uint32(1)) | (picture > inverse)
 
 
-def cell_numbers(code: UInt32[Array, "*pixel"]) -> Int[Array, "*pixel"]:
+def cell_numbers(code: Integer[Array, "*pixel"]) -> Int[Array, "*pixel"]:
     """Numbers of the cells that reflected binary codes stand for."""
     number = code.copy()
     for shift in (16, 8, 4, 2, 1):
@@ -28,7 +28,7 @@ def cell_numbers(code: UInt32[Array, "*pixel"]) -> Int[Array, "*pixel"]:
     return number.astype(np.int32)
 
 
-def cell_middles(code: UInt32[Array, "*pixel"], cell: int) -> Float[Array, "*pixel"]:
+def cell_middles(code: Integer[Array, "*pixel"], cell: int) -> Float[Array, "*pixel"]:
     """Middle of each pixel's cell [px], pixel middles at whole numbers.
 
     Args:

@@ -172,7 +172,7 @@ def _check(move: Move, name: str, turned: bool) -> None:
     raise GeometryError(
         f"the view lies on those before it with {100 * move.overlap:.0f} % of its points{fit}",
         where=name,
-        hint="take neighbouring views no more than 45 degrees apart"
+        hint="take neighbouring views no more than 45 degrees apart, leave out the background with --depth"
         + (
             ", and check the angles of --turn and their sign"
             if turned

@@ -15,7 +15,7 @@ from functools import partial
 from itertools import combinations
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt32
+from jaxtyping import Bool, Float, Int, Integer
 
 from hilbrace.errors import InputError
 from hilbrace.scan.axis_code import AxisCode
@@ -27,7 +27,7 @@ from hilbrace.scan.phase_shift import phase_and_modulation, resolved
 
 Array = np.ndarray
 
-Codes = UInt32[Array, "*pixel"]
+Codes = Integer[Array, "*pixel"]
 Change = Callable[[Codes], Codes]
 """What an exchange of pictures does to the codes."""
 
@@ -57,9 +57,9 @@ class Signs:
         axis: ``"column"`` or ``"row"``.
     """
 
-    changes: UInt32[Array, "2 change"]
+    changes: Integer[Array, "2 change"]
     pixels: Int[Array, " pixel"]
-    code: UInt32[Array, " pixel"]
+    code: Integer[Array, " pixel"]
     inside: Float[Array, " pixel"]
     plan: PatternPlan
     axis: str
@@ -198,8 +198,8 @@ def _single_exchange(capture: Capture, axis: str, bad: list[int], light: Exposur
 
 
 def _clean_changes(
-    code: UInt32[Array, "row column"], usable: Bool[Array, "row column"]
-) -> UInt32[Array, "2 change"]:
+    code: Integer[Array, "row column"], usable: Bool[Array, "row column"]
+) -> Integer[Array, "2 change"]:
     """Codes of neighbouring pixels that differ in exactly one bit, a sample of them."""
     found = []
     for one, other, both in (

@@ -167,6 +167,8 @@ def test_the_largest_piece_stays_and_holes_are_reported():
     mesh = clean_mesh(all_vertices, triangles, "tube")
     assert mesh.pieces_dropped == 1
     assert 0.0 < mesh.area_dropped < 0.02
+    assert mesh.second_part == pytest.approx(mesh.area_dropped, rel=0.05)
+    np.testing.assert_allclose(np.array(mesh.second_middle), [200, 0, 0], atol=0.1)
     assert len(mesh.holes) == 3
     (hole,) = inner_holes(mesh)
     assert np.linalg.norm(np.array(hole.middle) - [0, 20, 47]) < 2.0

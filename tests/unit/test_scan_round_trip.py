@@ -163,6 +163,18 @@ def test_errors_name_what_and_where(small, tmp_path, capsys, change, words, code
     assert error.count("\n") == 2
 
 
+def test_the_list_of_patterns_is_found_beside_the_pictures(small, tmp_path, capsys, monkeypatch):
+    shutil.copytree(small / "front", tmp_path / "front")
+    shutil.copy(small / "calibration.toml", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert "hilbrace scan patterns" in said(capsys, "scan", "decode", "front")[2]
+    shutil.copy(small / "patterns" / "manifest.json", tmp_path)
+    code, text, _ = said(capsys, "scan", "decode", "front", "--voxel", "8", "--json")
+    assert code == 0
+    assert json.loads(text)["views"][0]["contrast_grey_levels"] > 40
+    assert (tmp_path / "scan" / "limb.ply").is_file()
+
+
 def test_patterns_command(tmp_path, capsys):
     words = ("scan", "patterns", "--projector", "320x200", "--out", tmp_path / "p")
     code, text, _ = said(capsys, *words, "--json")

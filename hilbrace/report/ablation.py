@@ -42,6 +42,13 @@ COLUMNS = (
 )  # fmt: skip
 """Columns of the printed table and their units."""
 
+LEGEND = (
+    "L1 to L5: losses of the last field, without weights. frontal, sagittal: stiffness of the brace between "
+    "its edges, joint straight. ratio: frontal over sagittal, against a uniform brace of the same volume. "
+    "d_front, d_sagit: largest predicted changes of the angles over the motion."
+)
+"""What the columns mean."""
+
 
 @dataclass(frozen=True)
 class AblationField:
@@ -105,7 +112,7 @@ def ablation_text(ablation: Ablation) -> str:
         cells = _cells(row.figures) if row.figures else None
         text = "".join(f"{cell:>10}" for cell in cells) if cells else f"  no such brace: {row.reason}"
         lines.append(f"{row.label:<{width}}{text}")
-    lines.append("")
+    lines += ["", *textwrap.wrap(LEGEND, 120), ""]
     for finding in findings(ablation.rows, ablation.settings):
         told = (finding.claim, finding.sentence, *textwrap.wrap(finding.why, 105))
         lines += [f"{verdict(finding) if place == 0 else '':<14} {line}" for place, line in enumerate(told)]
@@ -188,8 +195,8 @@ def _cells(figures: BraceFigures) -> tuple[str, ...]:
     stability, energy, compliance, volume, seam = figures.losses
     return (
         f"{stability * np.rad2deg(1.0) ** 2:.5g}",
-        f"{energy:.4g}",
-        f"{compliance:.4g}",
+        _plain(energy),
+        _plain(compliance),
         f"{volume:.2g}",
         f"{seam:.2g}",
         f"{figures.frontal_nm_per_deg:.5f}",
@@ -199,6 +206,10 @@ def _cells(figures: BraceFigures) -> tuple[str, ...]:
         f"{figures.sagittal_change_deg:.3g}",
         f"{figures.volume_fraction:.4f}",
     )
+
+
+def _plain(value: float) -> str:
+    return f"{value:.0f}" if value >= 1000.0 else f"{value:.4g}"
 
 
 def _named_losses(figures: dict[str, Any]) -> dict[str, Any]:
@@ -228,6 +239,7 @@ def _page(ablation: Ablation, picture: bytes) -> str:
         style=Markup(texts.joinpath("style.css").read_text("utf-8")),
         ablation=ablation,
         columns=COLUMNS,
+        legend=LEGEND,
         rows=[(row, _cells(row.figures) if row.figures else ()) for row in ablation.rows],
         findings=[(finding, verdict(finding)) for finding in findings(ablation.rows, ablation.settings)],
         picture=Markup(f"data:image/png;base64,{base64.b64encode(picture).decode()}"),

@@ -88,8 +88,8 @@ def reasons(design: Design, found: Zones) -> list[str]:
         for side in order
         if abs(sides[side] - whole) >= DISTINCT
     ]
-    if not told:
-        return [f"The brace is about equally firm all around (mean design variable {whole:.2f})."]
+    if not any(mean - whole >= DISTINCT for mean in sides):
+        told.insert(0, _firmest(design, found, whole))
     return told
 
 
@@ -148,19 +148,37 @@ def _sentence(design: Design, found: Zones, side: int, mean: float, whole: float
         for third, name in enumerate(THIRDS)
         if _differs(_mean(design, there * (found.third == third)) - whole, firm)
     ]
-    shares = shares_of_pull(design, there, firm)
-    wanted = [
+    return (
+        f"The {SIDES[side]} is {'firm' if firm else 'open'} {_where(thirds)} (mean design variable "
+        f"{mean:.2f}, {whole:.2f} over the whole brace){_wanted(design, there, firm)}"
+    )
+
+
+def _firmest(design: Design, found: Zones, whole: float) -> str:
+    """The firmest third of a side, where no whole side is firm."""
+    places = [(side, third) for side in range(len(SIDES)) for third in range(len(THIRDS))]
+    parts = [found.areas * (found.side == side) * (found.third == third) for side, third in places]
+    means = [_mean(design, part) for part in parts]
+    best = int(np.argmax(means))
+    if means[best] - whole < DISTINCT:
+        return f"The brace is about equally firm all around (mean design variable {whole:.2f})."
+    side, third = places[best]
+    wanted = _wanted(design, parts[best], firmer=True)
+    return (
+        f"No side is firm as a whole; the firmest place is the {THIRDS[third]} third of the {SIDES[side]} "
+        f"(mean design variable {means[best]:.2f}, {whole:.2f} over the whole brace){wanted}"
+    )
+
+
+def _wanted(design: Design, part: Float[Array, " triangle"], firmer: bool) -> str:
+    """The losses that pull a part one way, the strongest first, as the end of a sentence."""
+    shares = shares_of_pull(design, part, firmer)
+    names = [
         f"{WANTS[place]} ({100.0 * shares[place]:.0f} % of the pull)"
         for place in np.argsort(-shares, kind="stable")
         if shares[place] >= 0.1
     ]
-    text = (
-        f"The {SIDES[side]} is {'firm' if firm else 'open'} {_where(thirds)} (mean design variable "
-        f"{mean:.2f}, {whole:.2f} over the whole brace)"
-    )
-    if not wanted:
-        return f"{text}; no loss pulls it there any more."
-    return f"{text}: wanted by {listed(wanted)}."
+    return f": wanted by {listed(names)}." if names else "; no loss pulls it there any more."
 
 
 def _where(thirds: list[str]) -> str:

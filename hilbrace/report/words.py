@@ -24,7 +24,7 @@ def summary(
         ("What it gives", _gives(metrics["brace"])),
         ("What it costs", _costs(design, metrics["brace"], config.domain.joint)),
         ("Beside the joint itself", _beside(config, metrics["brace"])),
-        ("Where it is firm", why[0]),
+        ("Where it is firm, and why", why[0]),
     ]
 
 

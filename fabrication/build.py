@@ -14,6 +14,7 @@ from manifold3d import Manifold, OpType
 from fabrication.bed_split import split_for_bed
 from fabrication.core import build_core
 from fabrication.filling import plan
+from fabrication.fixtures.cad import union
 from fabrication.fixtures.luer import placed_luer_port, syringe_room
 from fabrication.fixtures.stand import base
 from fabrication.flanges import flange_places
@@ -94,6 +95,10 @@ def build_mold(casting: Casting, settings: MoldSettings, step: Step = quietly) -
         undercut_deg=parting.undercut_deg,
         shell_of=parting.shell_of,
         channels=(bore.body(), *vents),
+        gaps=(
+            *joints.everywhere,
+            *(socket - union(joints.adders.values()) for socket in joints.sockets.values()),
+        ),
         drawn=(boss, bore, *joints.drawn, *split.drawn, *stand.placed),
     )
 

@@ -64,7 +64,7 @@ def measure_cavity(mold: Mold) -> Cavity:
     casting = mold.casting
     room = room_of(casting)
     filled = sum((room ^ piece.solid).volume() for piece in mold.pieces if piece.kind in ("core", "shell"))
-    other = (room ^ _all([mold.core.gutter, *mold.channels])) - casting.brace
+    other = (room ^ _all([mold.core.gutter, *mold.channels, *mold.gaps])) - casting.brace
     return Cavity(
         volume_mm3=room.volume() - filled - other.volume(),
         brace_mm3=casting.brace.volume(),

@@ -164,6 +164,7 @@ class Mold:
             where it lets the shell go [deg].
         shell_of: Number of the shell on each triangle of the casting's surface.
         channels: Room that is filled but belongs to neither brace nor gutter: port, vents, reliefs.
+        gaps: Room in the pieces that stays empty: bolt holes, jack slots, the clearance of keys.
         drawn: Fixtures as they were drawn (`fabrication.fixtures.cad.Placed`), for the STEP file.
     """
 
@@ -176,6 +177,7 @@ class Mold:
     undercut_deg: Float[Array, " triangle"] = field(default_factory=lambda: np.zeros(0))
     shell_of: Int[Array, " triangle"] = field(default_factory=lambda: np.zeros(0, np.int64))
     channels: tuple[Manifold, ...] = ()
+    gaps: tuple[Manifold, ...] = ()
     drawn: tuple[Any, ...] = ()
 
     def of(self, kind: Kind) -> tuple[Piece, ...]:

@@ -34,7 +34,7 @@ PLAIN = (0.87, 0.88, 0.89)
 TOLERANCE_MM = 0.08
 """How far a picture's bodies may lie from the mold [mm]."""
 
-PIXELS = 900
+PIXELS = 760
 """Pixels along the longer side of a drawing."""
 
 DPI = 150
@@ -148,7 +148,7 @@ def undercut_map(scene: Scene) -> Figure:
         bodies = [plain(scene.bodies[piece.name]) for piece in pieces]
         axes = figure.add_subplot(grid[0, number])
         frame(axes, view, bodies, (0.02, 0.02))
-        paint(axes, view, [*bodies, face], pixels=600)
+        paint(axes, view, [*bodies, face], pixels=520)
         axes.set_title(f"inside of {_shell_title(pieces)}", fontsize=9, color=INK)
     _unrolled(figure.add_subplot(grid[1, :]), mold, shells, colours, norm)
     bar = figure.colorbar(ScalarMappable(norm, colours), ax=figure.axes, shrink=0.6, pad=0.02)

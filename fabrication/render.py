@@ -103,12 +103,12 @@ def draw(
     corners[..., 1] = (top - corners[..., 1]) * scale - 0.5
     depth, winner, weights = _visible(corners, rows, columns)
     seen = winner >= 0
-    normals = np.zeros((rows, columns, 3))
+    normals = np.zeros((rows, columns, 3), np.float32)
     normals[seen] = np.einsum("pc,pcx->px", weights[seen], scene.normals[winner[seen]])
-    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
-    image = np.zeros((rows, columns, 4))
-    light = _light(normals) * _hollow(depth, seen, scale)
-    image[seen, :3] = np.clip(scene.colours[winner[seen]] * light[seen][:, None], 0.0, 1.0)
+    normals[seen] /= np.maximum(np.linalg.norm(normals[seen], axis=1, keepdims=True), 1e-12)
+    image = np.zeros((rows, columns, 4), np.float32)
+    light = _light(normals[seen]) * _hollow(depth, seen, scale)[seen]
+    image[seen, :3] = np.clip(scene.colours[winner[seen]] * light[:, None], 0.0, 1.0)
     image[seen, 3] = 1.0
     body = np.where(seen, scene.bodies[winner], -1)
     _ink(image, _lines(depth, normals, body, scale))
@@ -154,7 +154,7 @@ def _corner_normals(points: Array, triangles: Array, flat: Array) -> Array:
 
 def _visible(corners: Array, rows: int, columns: int) -> tuple[Array, Array, Array]:
     """Depth, nearest triangle and barycentric weights at each pixel; triangle -1 where there is none."""
-    depth = np.full(rows * columns, -np.inf)
+    depth = np.full(rows * columns, -np.inf, np.float32)
     winner = np.full(rows * columns, -1, np.int32)
     slopes = _slopes(corners)
     for triangle, row, column in _fragments(corners, rows, columns):
@@ -164,10 +164,11 @@ def _visible(corners: Array, rows: int, columns: int) -> tuple[Array, Array, Arr
         pixel = row[inside] * columns + column[inside]
         height = corners[triangle, :, 2]
         near = height[:, 0] + second * (height[:, 1] - height[:, 0]) + third * (height[:, 2] - height[:, 0])
+        near = near.astype(np.float32)
         np.maximum.at(depth, pixel, near)
         front = near == depth[pixel]
         winner[pixel[front]] = triangle[front]
-    weights = np.zeros((rows * columns, 3))
+    weights = np.zeros((rows * columns, 3), np.float32)
     seen = np.flatnonzero(winner >= 0)
     second, third = _weights(slopes[winner[seen]], seen // columns, seen % columns)
     weights[seen] = np.stack([1.0 - second - third, second, third], axis=1)
@@ -211,10 +212,10 @@ def _fragments(corners: Array, rows: int, columns: int) -> Iterator[tuple[Array,
         first = last
 
 
-def _light(normals: Float[Array, "row column 3"]) -> Float[Array, "row column"]:
+def _light(normals: Float[Array, "pixel 3"]) -> Float[Array, " pixel"]:
     """Brightness by direction: a lamp above the left shoulder, a weaker one from the right, daylight."""
     lamp, fill = np.array([-0.45, 0.65, 0.62]), np.array([0.7, -0.1, 0.7])
-    lamp, fill = lamp / np.linalg.norm(lamp), fill / np.linalg.norm(fill)
+    lamp, fill = ((way / np.linalg.norm(way)).astype(np.float32) for way in (lamp, fill))
     return 0.42 + 0.50 * np.clip(normals @ lamp, 0, 1) + 0.18 * np.clip(normals @ fill, 0, 1)
 
 
@@ -232,7 +233,7 @@ def _blurred(depth: Array, seen: Array, radius: float) -> Float[Array, "row colu
     step = max(1, int(radius / 4))
     rows, columns = (-(-length // step) for length in depth.shape)
     pad = ((0, rows * step - depth.shape[0]), (0, columns * step - depth.shape[1]))
-    weight = np.pad(seen.astype(float), pad)
+    weight = np.pad(seen.astype(np.float32), pad)
     value = np.pad(np.where(seen, depth, 0.0), pad)
     coarse = [part.reshape(rows, step, columns, step).mean(axis=(1, 3)) for part in (value, weight)]
     value, weight = (gaussian_filter(part, radius / step) for part in coarse)
@@ -248,7 +249,7 @@ def _blurred(depth: Array, seen: Array, radius: float) -> Float[Array, "row colu
 
 def _lines(depth: Array, normals: Array, body: Array, scale: float) -> Float[Array, "row column"]:
     """Darkness of the outlines: strong at the edge of a body, fine at creases and steps."""
-    ink = np.zeros(depth.shape)
+    ink = np.zeros(depth.shape, np.float32)
     level = np.where(np.isfinite(depth), depth, -1e6)
     for axis in (0, 1):
         one, other = _neighbours(body, axis)
@@ -274,7 +275,7 @@ def _neighbours(values: Array, axis: int) -> tuple[Array, Array]:
 
 def _ink(image: Array, ink: Array) -> None:
     """Draw dark lines over an image, also just outside of the bodies."""
-    dark = np.array([0.13, 0.17, 0.21])
+    dark = np.array([0.13, 0.17, 0.21], np.float32)
     share = ink[..., None]
     image[..., :3] = np.where(image[..., 3:] > 0, image[..., :3] * (1 - share) + dark * share, dark)
     image[..., 3] = np.maximum(image[..., 3], ink)

@@ -117,7 +117,7 @@ def _groove(casting: Casting, plane: Plane) -> Float[Array, "2"]:
         return np.zeros(2)
     centres = np.array([outline.mean(axis=0) for outline in outlines])
     outer = (
-        centres[:, 0] > np.quantile(centres[:, 0], 0.6) if len(centres) > 2 else np.ones(len(centres), bool)
+        centres[:, 0] >= np.quantile(centres[:, 0], 0.6) if len(centres) > 2 else np.ones(len(centres), bool)
     )
     near = centres[outer]
     return near[int(np.argmin(np.abs(near[:, 1])))]

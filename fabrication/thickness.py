@@ -13,24 +13,24 @@ Array = np.ndarray
 RAYS = 20000
 """Rays shot through one body."""
 
-OPPOSITE = -0.8
+OPPOSITE = -0.9
 """Cosine between two faces that bound one wall; two faces that meet in an edge are no wall."""
 
 START_MM = 1e-4
 """How far inside the face a ray starts [mm]."""
 
 
-TOGETHER, AROUND_MM = 3, 8.0
-"""A thin wall is met by so many rays within so many mm; fewer meet a speck: a rounded corner, an edge of a
-mark."""
+SPECK_MM2, AROUND_MM = 30.0, 8.0
+"""Thin places that show less area than this within so many mm are specks: the edge of a mark, a corner."""
 
 
 def thinnest_wall(solid: Manifold, reach_mm: float, rays: int = RAYS) -> float:
     """Thickness of the thinnest wall that is more than a speck [mm]; the reach where all are thicker."""
     walls, places = wall_thickness(solid, reach_mm, rays)
+    share = solid.surface_area() / rays
     for index in range(len(walls)):
         near = np.linalg.norm(places[: index + 1] - places[index], axis=1) < AROUND_MM
-        if near.sum() >= TOGETHER:
+        if near.sum() * share >= SPECK_MM2:
             return float(walls[index])
     return reach_mm
 

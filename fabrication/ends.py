@@ -74,6 +74,16 @@ def inside(
     return within
 
 
+def reaching_inside(
+    ends: tuple[End, ...], vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]
+) -> Bool[Array, " triangle"]:
+    """Which triangles reach inside all ends; those that lie beyond one of them do not."""
+    within = np.ones(len(triangles), bool)
+    for end in ends:
+        within &= (end.depth(vertices) > 0)[triangles].any(axis=1)
+    return within
+
+
 def border_loops(triangles: Int[Array, "triangle 3"]) -> list[Int[Array, " corner"]]:
     """Vertices along each border of a surface, in order; the one with the smallest vertex first."""
     count = int(triangles.max()) + 1

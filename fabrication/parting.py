@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import Float, Int
 from manifold3d import Manifold
 
-from fabrication.ends import End, find_ends, inside
+from fabrication.ends import End, find_ends, reaching_inside
 from fabrication.faces import face_normals
 from fabrication.mold import Casting, Core
 from fabrication.seams import Seam, Surface, fit_graph, pull_axes, surface_of
-from fabrication.undercut import lean, relief, undercut_areas
+from fabrication.undercut import hindering, lean, relief, undercut_areas
 from fabrication.wedges import limb_wedges
 from hilbrace.config.mold import MoldSettings
 from hilbrace.errors import GeometryError
@@ -36,8 +36,8 @@ SCAN_CELL_MM, CELL_MM = 8.0, 3.0
 AS_GOOD = 3e-3
 """Directions whose undercut differs by less than this part of the surface are equally good [-]."""
 
-MOST_UNDERCUT = 5e-3
-"""Largest part of the surface that may hinder its shell [-]."""
+MOST_UNDERCUT = 2e-2
+"""Largest part of the surface that may hinder its shell [-]: facets beside the parting, mostly."""
 
 MOST_RELIEF = 5e-4
 """Largest volume of all reliefs, as a part of the brace's [-]. They are cast too, so a quarter of the error
@@ -270,15 +270,13 @@ def _parting(
         depths: How far each vertex of the surface lies above the parting, for each shell.
     """
     reliefs = tuple(
-        relief(
-            surface, (surface.normals @ pull < 0) & (depth[surface.triangles] > 0).any(axis=1), depth, pull
-        )
+        relief(surface, hindering(surface, depth, pull), depth, pull)
         for pull, depth in zip(pulls, depths, strict=True)
     )
     faces = shell_at(casting.outer[casting.triangles].mean(axis=1))
     normals, areas = face_normals(casting.outer, casting.triangles)
     angle = lean(normals, faces, pulls)
-    within = inside(ends, casting.outer)[casting.triangles].any(axis=1)
+    within = reaching_inside(ends, casting.outer, casting.triangles)
     hindered = undercut_areas(angle[within], areas[within], faces[within], len(pulls))
     names, titles = _names(casting, pulls)
     return Parting(

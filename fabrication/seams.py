@@ -18,7 +18,7 @@ from scipy.sparse import coo_array, csr_array, diags_array, kron
 from scipy.sparse.linalg import splu
 
 from fabrication.bodies import body_of, mesh_of
-from fabrication.ends import End, inside
+from fabrication.ends import End, inside, reaching_inside
 from fabrication.faces import face_normals
 
 Array = np.ndarray
@@ -67,7 +67,7 @@ class Surface:
 def surface_of(solid: Manifold, ends: tuple[End, ...]) -> Surface:
     """The sides of a body: what of its surface reaches inside its ends."""
     vertices, triangles = mesh_of(solid)
-    sides = triangles[inside(ends, vertices)[triangles].any(axis=1)]
+    sides = triangles[reaching_inside(ends, vertices, triangles)]
     points, _ = mesh_of(solid.refine_to_length(DENSE_MM))
     normals, areas = face_normals(vertices, sides)
     return Surface(vertices, sides, normals, areas, points[inside(ends, points)])

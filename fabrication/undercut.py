@@ -18,6 +18,25 @@ EMBED_MM = 5.0
 """How far a relief reaches beyond the parting, which bends between the corners of a face: into the room of
 the next shell, of which it takes nothing [mm]."""
 
+PRISM = np.array([[2, 1, 0], [3, 4, 5], [0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [2, 0, 3], [2, 3, 5]])
+"""Triangles of the sweep of a face: its corners, then those below them."""
+
+FLAT = 1e-6
+"""Faces that lean less than this against the pull slide along the shell [-]."""
+
+
+def hindering(
+    surface: Surface, depth: Float[Array, " vertex"], pull: Float[Array, "3"]
+) -> Bool[Array, " triangle"]:
+    """Faces that look against a pull and have some of the shell below them.
+
+    Args:
+        surface: The surface that the shell lies on.
+        depth: How far each vertex lies above the parting, along the pull [mm].
+        pull: Unit direction in which the shell comes off.
+    """
+    return (surface.normals @ pull < -FLAT) & (depth[surface.triangles] > 0).any(axis=1)
+
 
 def lean(
     normals: Float[Array, "triangle 3"],
@@ -48,7 +67,7 @@ def undercut_areas(
 
 def relief(
     surface: Surface,
-    hindering: Bool[Array, " triangle"],
+    faces: Bool[Array, " triangle"],
     depth: Float[Array, " vertex"],
     pull: Float[Array, "3"],
 ) -> Manifold:
@@ -59,25 +78,20 @@ def relief(
 
     Args:
         surface: The surface that the shell lies on.
-        hindering: Which of its triangles hinder the shell.
+        faces: Which of its triangles hinder the shell.
         depth: How far each vertex lies above the parting, along the pull [mm].
         pull: Unit direction in which the shell comes off.
 
     Returns:
         The sweep; an empty body where nothing hinders.
     """
-    if not hindering.any():
+    if not faces.any():
         return Manifold()
-    used, faces = np.unique(surface.triangles[hindering], return_inverse=True)
-    faces = faces.reshape(-1, 3)
-    top = surface.vertices[used]
-    bottom = top - (np.maximum(depth[used], 0.0) + EMBED_MM)[:, None] * pull
-    forth = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    count = len(used)
-    border = forth[~np.isin(forth[:, 0] * count + forth[:, 1], forth[:, 1] * count + forth[:, 0])]
-    a, b = border.T
-    walls = np.concatenate([np.stack([a, b, b + count], axis=1), np.stack([a, b + count, a + count], axis=1)])
-    shell = np.concatenate([faces[:, ::-1], faces + count, walls])
-    sweep = body_of(np.concatenate([top, bottom]), shell, "relief of a shell")
-    # Patches of a fold lie below one another, and their sweeps overlap.
-    return Manifold.batch_boolean(sweep.decompose(), OpType.Add)
+    corners = surface.triangles[faces]
+    top = surface.vertices[corners]
+    bottom = top - (np.maximum(depth[corners], 0.0) + EMBED_MM)[..., None] * pull
+    prisms = 6 * np.arange(len(corners))[:, None, None] + PRISM
+    points = np.concatenate([top, bottom], axis=1)
+    swept = body_of(points.reshape(-1, 3), prisms.reshape(-1, 3), "relief of a shell")
+    # Faces of a fold lie below one another: their sweeps overlap, and only a union of single ones is sound.
+    return Manifold.batch_boolean(swept.decompose(), OpType.Add)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from manifold3d import Manifold
 
 from fabrication.bodies import body_of
 from fabrication.ends import border_loops
@@ -89,7 +90,9 @@ def tube_of(
     grid = np.concatenate(ends, axis=1)
     rows = grid.shape[1]
     i, j = np.meshgrid(np.arange(around), np.arange(rows - 1), indexing="ij")
-    a, b, c, d = (p * rows + q for p, q in ((i, j), ((i + 1) % around, j), ((i + 1) % around, j + 1), (i, j + 1)))
+    a, b, c, d = (
+        p * rows + q for p, q in ((i, j), ((i + 1) % around, j), ((i + 1) % around, j + 1), (i, j + 1))
+    )
     triangles = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=2).reshape(-1, 3)
     band = np.where(j == 0, -1, np.where(j == rows - 2, 1, 0))
     vertices = grid.reshape(-1, 3)
@@ -98,7 +101,7 @@ def tube_of(
         name="limb",
         joint=joint,
         side=side,
-        brace=body_of(*_box(60.0), "box"),
+        brace=Manifold.cube((60.0, 60.0, 60.0)),
         thickness_mm=4.0,
         vertices=vertices,
         direction=np.tile([0.0, 0.0, 1.0], (len(vertices), 1)),
@@ -111,11 +114,3 @@ def tube_of(
         centreline=line,
         shrinkage=0.0,
     )
-
-
-def _box(size: float) -> tuple[np.ndarray, np.ndarray]:
-    from manifold3d import Manifold
-
-    from fabrication.bodies import mesh_of
-
-    return mesh_of(Manifold.cube((size, size, size)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,10 @@ from hilbrace.domain.domain import Domain
 from hilbrace.optimize.brace_response import posture_stiffness
 from hilbrace.optimize.coupling import brace_spring
 from hilbrace.optimize.design import Design
-from hilbrace.optimize.evaluate import design_variable, fraction_of
+from hilbrace.optimize.evaluate import Material, design_variable, fraction_of
 from hilbrace.optimize.flexion_moment import moment_curves, stiffness_by_energy
 from hilbrace.optimize.history import Watch
-from hilbrace.optimize.loop import run_loop
+from hilbrace.optimize.loop import Outcome, run_loop
 from hilbrace.optimize.predictions import predict
 from hilbrace.optimize.problem import Problem, build_problem
 from hilbrace.optimize.pulls import pulls
@@ -27,7 +28,7 @@ from hilbrace.optimize.state import measure_of
 from hilbrace.optimize.uniform import uniform_design
 from hilbrace.run.processors import processors
 from hilbrace.run.progress import Report, silent
-from hilbrace.shell import open_pool
+from hilbrace.shell import SolverPool, open_pool
 from hilbrace.units import DEG
 
 Array = np.ndarray
@@ -67,15 +68,36 @@ def optimize_design(
     sparsity = problem.shapes.shells[0].numbering.sparsity
     with open_pool(sparsity, settings.solver, processors()) as solvers:
         done = run_loop(problem, checkpoint, key, progress, solvers, watches)
-        problem, state, firm, last = done.problem, done.state, done.firm, done.evaluation
-        with torch.no_grad():
-            d_vertex = design_variable(problem, problem.vertices, firm.vertices, *state.tensors())
-        uniform = uniform_design(problem, fraction_of(problem, last.material))
-        plain = posture_stiffness(problem, uniform.modulus, solvers)
-        wanted = pulls(problem, firm, last.material.d.numpy(), d_vertex.numpy(), measure_of(state), solvers)
-        solver = solvers.name
+        return _design(loads, done, _compared(done, solvers)), done.seconds
+
+
+@dataclass(frozen=True)
+class _Comparison:
+    """What the finished loop is set beside: the field at vertices, the uniform brace, the losses' pulls."""
+
+    d_vertex: Float[Tensor, " cut_vertex"]
+    uniform: Material
+    loops: Float[Tensor, "posture 12 12"]
+    pulls: Float[Array, "loss triangle"]
+    solver: str
+
+
+def _compared(done: Outcome, solvers: SolverPool) -> _Comparison:
+    problem, state, firm, last = done.problem, done.state, done.firm, done.evaluation
+    with torch.no_grad():
+        d_vertex = design_variable(problem, problem.vertices, firm.vertices, *state.tensors())
+    uniform = uniform_design(problem, fraction_of(problem, last.material))
+    loops = posture_stiffness(problem, uniform.modulus, solvers)
+    wanted = pulls(problem, firm, last.material.d.numpy(), d_vertex.numpy(), measure_of(state), solvers)
+    return _Comparison(d_vertex, uniform, loops, wanted, solvers.name)
+
+
+def _design(loads: JointLoads, done: Outcome, beside: _Comparison) -> Design:
+    problem, state, firm, last = done.problem, done.state, done.firm, done.evaluation
+    settings, domain = problem.settings, problem.domain
+    d_vertex, uniform = beside.d_vertex, beside.uniform
     response = last.mechanics.response
-    stiffness, stiffness_uniform = _per_degree(problem, response.loops), _per_degree(problem, plain)
+    stiffness, stiffness_uniform = _per_degree(problem, response.loops), _per_degree(problem, beside.loops)
     moduli = (last.material.modulus.numpy(), uniform.modulus.numpy())
     curves = moment_curves(problem, loads, moduli, (stiffness / DEG, stiffness_uniform / DEG))
     predicted = predict(problem, loads, response)
@@ -83,7 +105,7 @@ def optimize_design(
     return Design(
         seed=settings.seed,
         iterations=state.iteration,
-        solver=solver,
+        solver=beside.solver,
         shapes=len(problem.shapes.shells),
         parameters=state.theta,
         d_triangle=last.material.d.numpy(),
@@ -96,7 +118,7 @@ def optimize_design(
         firm_vertex=_closed(firm.vertices.numpy(), domain),
         rim=problem.rim.numpy(),
         energy_density=problem.unit_energy.numpy(),
-        pulls=wanted,
+        pulls=beside.pulls,
         history=state.history,
         trace=state.trace,
         film=state.film,
@@ -122,7 +144,7 @@ def optimize_design(
         reaction_lower=reactions[:, 6:9],
         volume_fraction=fraction_of(problem, last.material),
         volume_fraction_uniform=fraction_of(problem, uniform),
-    ), done.seconds
+    )
 
 
 def _per_degree(problem: Problem, loops: Float[Tensor, "posture 12 12"]) -> Float[Array, "posture 3"]:

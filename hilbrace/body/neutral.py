@@ -131,8 +131,8 @@ def _leg_rotations(own: Joints, target: Joints, side: str) -> dict[str, Float[Ar
     hip, knee, ankle = (own[name] for name in names)
     hip_there, knee_there, ankle_there = (target[name] for name in names)
     return {
-        "femur": _shortest(knee - hip, knee_there - hip_there),
-        "tibia": _shortest(ankle - knee, ankle_there - knee_there),
+        "femur": shortest_turn(knee - hip, knee_there - hip_there),
+        "tibia": shortest_turn(ankle - knee, ankle_there - knee_there),
         "calcn": np.eye(3),
         "toes": np.eye(3),
     }
@@ -154,7 +154,7 @@ def _arm_rotations(own: Joints, target: Joints, side: str) -> dict[str, Float[Ar
     lateral = flexion if side == "r" else -flexion
     bend = np.cross(upper, lower)
     if np.linalg.norm(bend) < STRAIGHT * np.linalg.norm(upper) * np.linalg.norm(lower):
-        turns = {"humerus": _shortest(upper, upper_there), "ulna": _shortest(lower, lower_there)}
+        turns = {"humerus": shortest_turn(upper, upper_there), "ulna": shortest_turn(lower, lower_there)}
     else:
         turns = {
             "humerus": _turn(upper, bend, upper_there, flexion),
@@ -171,12 +171,18 @@ def _split(vector: Float[Array, " 3"]) -> tuple[Float[Array, " 3"], float]:
     return vector / length, length
 
 
-def _shortest(source: Float[Array, " 3"], goal: Float[Array, " 3"]) -> Float[Array, "3 3"]:
-    """Shortest rotation that takes one direction to another, not opposite, one."""
-    a, b = _split(source)[0], _split(goal)[0]
-    x, y, z = np.cross(a, b)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + cross + cross @ cross / (1.0 + a @ b)
+def shortest_turn(source: Float[Array, "*batch 3"], goal: Float[Array, " 3"]) -> Float[Array, "*batch 3 3"]:
+    """Shortest rotation that takes each direction to another, not opposite, one.
+
+    Args:
+        source: Directions, of any length.
+        goal: Where they go.
+    """
+    a = source / np.linalg.norm(source, axis=-1, keepdims=True)
+    b = _split(goal)[0]
+    # Columns of the matrix of a cross product are the products with the axes.
+    cross = np.cross(np.cross(a, b)[..., None, :], np.eye(3)).swapaxes(-1, -2)
+    return np.eye(3) + cross + cross @ cross / (1.0 + a @ b)[..., None, None]
 
 
 def _turn(

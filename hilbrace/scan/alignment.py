@@ -26,6 +26,7 @@ OVERHANG = 0.15
 STATURES = (-1.5, 0.0, 1.5)
 """Leg lengths that are tried, in standard deviations of the population."""
 TRIED, FINALISTS = 12, 4
+"""Starts that are tried and that go on where the direction is unknown; half as many where it is given."""
 COARSE_POINTS, START_POINTS = 150, 400
 CAP = 0.06
 LEADING = 4
@@ -92,15 +93,17 @@ def find_start(
     mean = _upright(limb)
     people = [replace(mean, shape=shape) for shape in _statures(limb)]
     coarse = [fit for person in people for fit in _starts(person, scan, up, forward)]
-    chosen = sorted(coarse, key=lambda one: one.misfit)[:TRIED]
+    known = up is not None and forward is not None
+    tried, finalists_kept = (TRIED // 2, FINALISTS // 2) if known else (TRIED, FINALISTS)
+    chosen = sorted(coarse, key=lambda one: one.misfit)[:tried]
     done: list[LimbFit] = []
     for number, fit in enumerate(chosen):
         done.append(fit_pose(fit, scan, START_POINTS, 10, shaped=LEADING))
-        progress(number + 1, len(chosen) + FINALISTS)
+        progress(number + 1, len(chosen) + finalists_kept)
     finalists: list[LimbFit] = []
-    for fit in sorted(done, key=lambda one: one.misfit)[:FINALISTS]:
+    for fit in sorted(done, key=lambda one: one.misfit)[:finalists_kept]:
         finalists.append(fit_pose(fit, scan, 3 * START_POINTS, 8))
-        progress(len(chosen) + len(finalists), len(chosen) + FINALISTS)
+        progress(len(chosen) + len(finalists), len(chosen) + finalists_kept)
     first, *others = sorted(finalists, key=lambda one: one.misfit)
     rivals = [one for one in others if _turned(first, one) > np.deg2rad(30.0)]
     return Start(first, any(one.misfit < CLEAR * first.misfit for one in rivals))

@@ -111,8 +111,10 @@ def fitted(
     if marks is not None and len(marks.places) > 2:
         start = start_from_marks(limb, marks)
     else:
+        if up is not None:
+            check_legs(scan, up, options.leg)
         start = find_start(limb, scan, up, forward, lambda done, total: progress(done, total + 6))
-    check_legs(scan, start, options.leg)
+    check_legs(scan, start.fit.pose.rotation[:, 1], options.leg)
     fit = start.fit
     if options.knee_angle is not None:
         fit = held_at(fit, {f"knee_angle_{side}": options.knee_angle * DEG for side in limb.sides})
@@ -126,13 +128,13 @@ def fitted(
     return skin, start
 
 
-def check_legs(scan: SurfaceScan, start: Start, leg: str) -> None:
+def check_legs(scan: SurfaceScan, up: Float[Array, "3"], leg: str) -> None:
     """Does the scan show as many legs as asked for?
 
     Raises:
         InputError: It shows two where one was asked for.
     """
-    if leg != "both" and legs_seen(scan.points, start.fit.pose.rotation[:, 1]) == 2:
+    if leg != "both" and legs_seen(scan.points, up) == 2:
         raise InputError(
             "the scan shows two legs",
             where=scan.where,

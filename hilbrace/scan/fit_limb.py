@@ -8,14 +8,15 @@ displacement (`hilbrace.scan.free_form`). Angles have the names, signs and zero 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
 from hilbrace.body.model import BodyModel
-from hilbrace.body.neutral import place
-from hilbrace.body.segments import BONES, skeleton_joints
+from hilbrace.body.neutral import shortest_turn
+from hilbrace.body.segments import BONES, SIDES, skeleton_joints
 from hilbrace.skeleton.kinematics import skeleton_from_table
 from hilbrace.skeleton.table import load_table
 
@@ -47,6 +48,9 @@ _TURNS = (
 _AXES = {"x": np.eye(3)[0], "y": np.eye(3)[1], "z": np.eye(3)[2]}
 _SEGMENTS = (("femur",), ("tibia",), ("calcn", "toes"))
 _LEAST_SHARE = 0.5
+_STEP = 1e-5
+
+Joints = dict[str, Float[Array, "3"]]
 
 
 @dataclass(frozen=True)
@@ -164,8 +168,6 @@ def whole_body(model: BodyModel, sides: tuple[str, ...]) -> Limb:
 def pose_limb(limb: Limb, shape: Float[Array, " coefficient"], pose: Pose) -> PosedLimb:
     """Bend a person's limb and put it into the scan, with the slopes that a fit needs.
 
-    The turn of each segment into the neutral pose depends a little on the shape; its slope is left out.
-
     Args:
         limb: The limb.
         shape: All shape coefficients of the model.
@@ -174,12 +176,13 @@ def pose_limb(limb: Limb, shape: Float[Array, " coefficient"], pose: Pose) -> Po
     own = limb.model.joints(shape)
     moves = limb.model.joint_moves()
     rest = limb.template + np.tensordot(shape, limb.directions, 1)
-    neutral = _neutral_turns(own)
+    neutral, spins = _neutral_turns(own, _straight()), _neutral_spins(own, moves, _straight())
     hips = np.mean([own["hip_r"], own["hip_l"]], axis=0)
     hip_moves = (moves["hip_r"] + moves["hip_l"]) / 2.0
-    turns = [pose.rotation @ neutral["pelvis"]]
+    still = np.zeros_like(hip_moves)
+    turns, spinning = [pose.rotation], [still]
     start, start_moves = [hips], [hip_moves]
-    end, end_moves = [pose.translation], [np.zeros_like(hip_moves)]
+    end, end_moves = [pose.translation], [still]
     joints: dict[str, Float[Array, "3"]] = {}
     hinges: list[tuple[Float[Array, "3"], Float[Array, "3"], int, int]] = []
     for side in limb.sides:
@@ -189,6 +192,7 @@ def pose_limb(limb: Limb, shape: Float[Array, " coefficient"], pose: Pose) -> Po
             name = f"{joint}_{side}"
             centre = end[parent] + turns[parent] @ (own[name] - start[parent])
             centre_moves = end_moves[parent] + (moves[name] - start_moves[parent]) @ turns[parent].T
+            centre_moves = centre_moves + np.cross(spinning[parent], centre - end[parent])
             below = len(turns)
             for number, (turned, axis, sign, mirrored) in enumerate(_TURNS):
                 if turned != joint:
@@ -198,13 +202,15 @@ def pose_limb(limb: Limb, shape: Float[Array, " coefficient"], pose: Pose) -> Po
                 angle = sign * pose.angles[first + number]
                 frame = frame @ Rotation.from_rotvec(angle * _AXES[axis]).as_matrix()
             joints[name] = centre
-            turns.append(frame @ neutral[f"{bone[0]}_{side}"])
+            turns.append(frame @ neutral.get(f"{bone[0]}_{side}", np.eye(3)))
+            spinning.append(spins.get(f"{bone[0]}_{side}", still) @ frame.T)
             start.append(own[name])
             start_moves.append(moves[name])
             end.append(centre)
             end_moves.append(centre_moves)
             parent = below
-    return _posed(limb, rest, (turns, start, start_moves, end, end_moves), joints, hinges, pose.translation)
+    chain = (turns, spinning, start, start_moves, end, end_moves)
+    return _posed(limb, rest, chain, joints, hinges, pose.translation)
 
 
 def unposed(
@@ -222,12 +228,12 @@ def unposed(
 def _posed(
     limb: Limb,
     rest: Float[Array, "vertex 3"],
-    chain: tuple[list[Array], list[Array], list[Array], list[Array], list[Array]],
+    chain: tuple[list[Array], ...],
     joints: dict[str, Float[Array, "3"]],
     hinges: list[tuple[Float[Array, "3"], Float[Array, "3"], int, int]],
     middle: Float[Array, "3"],
 ) -> PosedLimb:
-    turns, start, start_moves, end, end_moves = map(np.stack, chain)
+    turns, spinning, start, start_moves, end, end_moves = map(np.stack, chain)
     weights = limb.weights
     at = np.einsum("bij,vbj->vbi", turns, rest[:, None] - start) + end
     vertices = np.einsum("vb,vbi->vi", weights, at)
@@ -235,6 +241,8 @@ def _posed(
     anchor_moves = end_moves - np.einsum("bij,bcj->bci", turns, start_moves)
     shape_slope = np.einsum("vij,cvj->cvi", blend, limb.directions)
     shape_slope += np.einsum("vb,bci->cvi", weights, anchor_moves)
+    arms = weights.T[:, :, None] * (at - end).transpose(1, 0, 2)
+    shape_slope += np.cross(spinning[:, :, None], arms[:, None]).sum(axis=0)
     angle_slope = np.stack(
         [
             np.einsum(
@@ -247,8 +255,39 @@ def _posed(
     return PosedLimb(vertices, joints, shape_slope, turn_slope, angle_slope, blend)
 
 
-def _neutral_turns(own: dict[str, Float[Array, "3"]]) -> dict[str, Float[Array, "3 3"]]:
-    """Turns of the segments from the model's own pose into the skeleton's neutral pose."""
-    straight = skeleton_joints(skeleton_from_table(load_table()))
-    placement = place(own, straight)
-    return dict(zip(BONES, placement.rotation, strict=True))
+def _neutral_turns(own: Joints, straight: Joints) -> dict[str, Float[Array, "3 3"]]:
+    """Turns of the segments from the model's own pose into the skeleton's neutral pose.
+
+    As `hilbrace.body.neutral.place` has them: thigh and shank the shortest way, the others not at all.
+    """
+    return {
+        name: shortest_turn(own[end] - own[start], straight[end] - straight[start])
+        for name, start, end in _long_bones()
+    }
+
+
+def _neutral_spins(
+    own: Joints, moves: dict[str, Float[Array, "coefficient 3"]], straight: Joints
+) -> dict[str, Float[Array, "coefficient 3"]]:
+    """How those turns change with the shape, as rotation vectors per unit of each coefficient.
+
+    By differences: a turn depends on the joint centres alone, and these are linear in the shape.
+    """
+    neutral, spins = _neutral_turns(own, straight), {}
+    for name, start, end in _long_bones():
+        arrow, goal = own[end] - own[start], straight[end] - straight[start]
+        turned = shortest_turn(arrow + _STEP * (moves[end] - moves[start]), goal)
+        spins[name] = Rotation.from_matrix(turned @ neutral[name].T).as_rotvec() / _STEP
+    return spins
+
+
+def _long_bones() -> list[tuple[str, str, str]]:
+    """Thighs and shanks with the joints at both their ends."""
+    bones = (("femur", "hip", "knee"), ("tibia", "knee", "ankle"))
+    return [(f"{bone}_{s}", f"{start}_{s}", f"{end}_{s}") for bone, start, end in bones for s in SIDES]
+
+
+@cache
+def _straight() -> Joints:
+    """Joint centres of the skeleton's neutral pose, whose directions the straight legs have."""
+    return skeleton_joints(skeleton_from_table(load_table()))

@@ -77,12 +77,12 @@ def displaced(fit: LimbFit, scan: SurfaceScan) -> FittedSkin:
     own = triangles[inside[triangles].all(axis=1)]
     vertex, flat = np.unique(own, return_inverse=True)
     patch = np.ascontiguousarray(flat.reshape(-1, 3))
-    start = (finer @ posed.vertices)[vertex]
+    start = np.asarray(finer @ posed.vertices)[vertex]
     moved = _onto(start, patch, scan)
     faded = start + _fade(start, patch)[:, None] * (moved - start)
-    weights = finer @ everything.weights
+    weights = np.asarray(finer @ everything.weights)
     blend = np.einsum("vb,bij->vij", weights[vertex], _turns(everything.weights, posed))
-    move = np.zeros((finer.shape[0], 3))
+    move = np.zeros((int(triangles.max()) + 1, 3))
     move[vertex] = unposed(blend, faded - start)
     return FittedSkin(
         fit=fit,
@@ -133,8 +133,8 @@ def _onto(
 def _roughness(vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]) -> sparse.csr_matrix:
     """Integral of the squared Laplacian as a quadratic form."""
     stiffness = igl.cotmatrix(vertices, triangles)
-    mass = igl.massmatrix(vertices, triangles, igl.MASSMATRIX_TYPE_VORONOI)
-    return sparse.csr_matrix(stiffness @ sparse.diags(1.0 / mass.diagonal()) @ stiffness)
+    mass = np.asarray(igl.massmatrix(vertices, triangles, igl.MASSMATRIX_TYPE_VORONOI).diagonal())
+    return sparse.csr_matrix(stiffness @ sparse.diags(np.reciprocal(mass)) @ stiffness)
 
 
 def _fade(vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]) -> Float[Array, " vertex"]:

@@ -56,7 +56,7 @@ def read_landmarks(path: Path) -> dict[str, Float[Array, "3"]]:
             place = np.array([float(word) for word in words[1:]])
         except ValueError:
             place = np.zeros(0)
-        if len(words) != _COUNT or not np.isfinite(place).all():
+        if len(words) != _COUNT or len(place) != _COUNT - 1 or not np.isfinite(place).all():
             raise InputError(
                 f"line {number} is '{line.strip()}'",
                 where=str(path),
@@ -81,6 +81,7 @@ def marks_of(limb: Limb, places: dict[str, Float[Array, "3"]], metres: float, wh
     joints = limb.model.joints(np.zeros(0))
     vertices, wanted = [], []
     for name, place in places.items():
+        # A name alone is one of the only leg.
         plain, side = (name[:-2], name[-1]) if name[-2:] in ("_r", "_l") else (name, limb.sides[0])
         if plain not in PLACES or side not in limb.sides or (len(limb.sides) > 1 and plain == name):
             ending = " with _r or _l" if len(limb.sides) > 1 else ""

@@ -280,8 +280,15 @@ def _holes(vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3
     for loop in igl.boundary_loop_all(np.ascontiguousarray(triangles)):
         width = float(np.linalg.norm(np.ptp(vertices[loop], axis=0)))
         share = (along[loop].mean() - low) / (high - low)
-        holes.append(Hole(vertices[loop].mean(axis=0), width, end=bool(share < 0.1 or share > 0.9)))
+        holes.append(Hole(_middle(vertices[loop]), width, end=bool(share < 0.1 or share > 0.9)))
     return tuple(sorted((hole for hole in holes if hole.width > LEAST_HOLE), key=lambda hole: -hole.width))
+
+
+def _middle(loop: Float[Array, "vertex 3"]) -> Float[Array, "3"]:
+    """Middle of a closed line by its length, however densely it is set with vertices."""
+    following = np.roll(loop, -1, axis=0)
+    length = np.linalg.norm(following - loop, axis=1)
+    return ((loop + following) / 2.0 * length[:, None]).sum(axis=0) / length.sum()
 
 
 def _limbs_across(points: Float[Array, "point 3"]) -> int:

@@ -7,14 +7,14 @@ with noise, holes and strays. ``data/anny_left_legs.npz`` holds their skin as of
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from hilbrace.body.anny_lite import load_anny_lite
+from hilbrace.body.anny_lite import AnnyLite, load_anny_lite
 from hilbrace.scan.fit_limb import ANGLES, Limb, Pose, PosedLimb, limb_of, pose_limb
 from hilbrace.scan.landmarks import PLACES, marks_of
 from hilbrace.scan.surface_scan import SurfaceScan
@@ -24,23 +24,26 @@ PEOPLE = 12
 MM = 1e-3
 
 
-class Stranger:
-    """A person as a model without shape coefficients: only the bones are asked for."""
+@dataclass(frozen=True)
+class Stranger(AnnyLite):
+    """A person whose bones no shape coefficient moves."""
 
-    def __init__(self, number: int) -> None:
-        stored = np.load(DATA)
-        own = stored["joints_mm"][number].astype(float) * MM
-        known = load_anny_lite()
-        self.own = known.joints(np.zeros(0)) | dict(zip(stored["joint_names"].tolist(), own, strict=True))
-        self.spread = known.spread
-        self.moves = {name: np.zeros((len(known.spread), 3)) for name in known.joint_moves()}
-        self.offset = stored["offset_mm"][number].astype(float) * MM
+    own: dict[str, np.ndarray] = field(default_factory=dict)
 
     def joints(self, shape):
         return self.own
 
     def joint_moves(self):
-        return self.moves
+        return {name: np.zeros((len(self.coefficient_names), 3)) for name in self.own}
+
+
+def stranger(number: int) -> tuple[Stranger, np.ndarray]:
+    """A person, and the offset of the left leg's skin from the mean's [m]."""
+    stored = np.load(DATA)
+    known = load_anny_lite()
+    bones = stored["joints_mm"][number].astype(float) * MM
+    own = known.joints(np.zeros(0)) | dict(zip(stored["joint_names"].tolist(), bones, strict=True))
+    return Stranger(**vars(known), own=own), stored["offset_mm"][number].astype(float) * MM
 
 
 @dataclass(frozen=True)
@@ -66,11 +69,11 @@ class Truth:
 def truth(number: int, seed: int) -> Truth:
     draw = np.random.default_rng([seed, number])
     known = limb_of(load_anny_lite(), ("l",))
-    stranger = Stranger(number)
+    person, offset = stranger(number)
     limb = replace(
         known,
-        model=stranger,
-        template=known.template + stranger.offset,
+        model=person,
+        template=known.template + offset,
         directions=np.zeros_like(known.directions),
     )
     knee, add, turn, ankle, subtalar = (

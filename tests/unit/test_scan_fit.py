@@ -59,27 +59,15 @@ def test_slopes_of_the_posed_skin_against_finite_differences(sides):
         np.testing.assert_allclose(posed.turn_slope[number], slope, atol=1e-8)
 
 
-def test_slope_of_the_shape_leaves_out_only_how_segments_turn_into_the_neutral_pose():
-    """Exact where a coefficient moves no joint; elsewhere within a tenth."""
+def test_slope_of_the_shape_against_finite_differences():
     limb = limb_of(load_anny_lite(), ("l",))
-    pose = Pose(np.eye(3), np.zeros(3), np.zeros(8))
-    shape = np.zeros(len(limb.directions))
+    pose = Pose(np.eye(3), np.zeros(3), np.full(8, 0.1))
+    shape = np.random.default_rng(1).normal(0.0, 0.3, len(limb.directions))
     posed = pose_limb(limb, shape, pose)
-    moves = np.max(
-        [
-            np.abs(move).max(axis=1)
-            for name, move in limb.model.joint_moves().items()
-            if name[-1] == "l" and name[:3] in ("hip", "kne", "ank")
-        ],
-        axis=0,
-    )
     for number in range(len(shape)):
-        more = shape.copy()
-        more[number] = 1e-4
-        slope = (pose_limb(limb, more, pose).vertices - posed.vertices) / 1e-4
-        size = np.abs(slope).max()
-        allowed = 1e-6 if moves[number] < 1e-9 else 0.1 * size
-        assert np.abs(slope - posed.shape_slope[number]).max() <= allowed
+        step = 1e-5 * np.eye(len(shape))[number]
+        more, less = (pose_limb(limb, shape + sign * step, pose).vertices for sign in (1, -1))
+        np.testing.assert_allclose(posed.shape_slope[number], (more - less) / 2e-5, atol=2e-6)
 
 
 def test_angles_mean_what_they_mean_in_the_skeleton():
@@ -153,15 +141,14 @@ def test_strangers_with_and_without_landmarks_foot_or_not(tmp_path):
             if marked or not start.doubt:
                 assert gap.mean() <= 0.6, lines[-1]
                 assert np.percentile(gap, 95) <= 1.6, lines[-1]
-    print("\n".join(lines))
-    assert np.median(off) <= 1.5
-    assert max(off) <= 4.0
+    told = "\n".join(lines)
+    assert np.median(off) <= 1.5, told
+    assert max(off) <= 4.0, told
 
 
 def test_the_command_leaves_a_body_that_the_body_stage_takes(tmp_path):
     from hilbrace.body.build import body_of
     from hilbrace.config import BodySettings
-    from hilbrace.skeleton.table import load_table
 
     person = truth(1, 1)
     height = (person.mesh.vertices - person.posed.joints["knee_l"]) @ person.up
@@ -170,14 +157,8 @@ def test_the_command_leaves_a_body_that_the_body_stage_takes(tmp_path):
     mesh.remove_unreferenced_vertices()
     mesh.export(tmp_path / "leg.stl")
     marks = tmp_path / "marks.txt"
-    marks.write_text(
-        "# picked by hand\n"
-        + "".join(
-            f"{k} {1000 * x}, {1000 * y}, {1000 * z}\n"
-            for k, (x, y, z) in landmarks_of(person, 1).items()
-            if "knee" in k
-        )
-    )
+    knee = {k: 1000 * place for k, place in landmarks_of(person, 1).items() if "knee" in k}
+    marks.write_text("# by hand\n" + "".join(f"{k} {x}, {y}, {z}\n" for k, (x, y, z) in knee.items()))
     figures, text = fit_command.act(options(tmp_path / "leg.stl", landmarks=marks, out=tmp_path / "fit"))
     assert figures["mean_mm"] < 0.5
     assert figures["unit"] == "mm"
@@ -188,7 +169,6 @@ def test_the_command_leaves_a_body_that_the_body_stage_takes(tmp_path):
         assert (tmp_path / "fit" / name).stat().st_size > 1000
     stored = load(ScannedBody, tmp_path / "fit" / "body.npz")
     scales = {name: np.ones(3) for name in ("femur_l", "tibia_l", "femur_r", "tibia_r")}
-    assert set(scales) <= set(load_table().bodies) if hasattr(load_table(), "bodies") else True
     settings = BodySettings(model="scan", model_file=tmp_path / "fit" / "body.npz", weight_smoothing_mm=40.0)
     body = body_of(scales, 70.0, 1.75, settings)
     assert body.model == "scan"
@@ -207,19 +187,21 @@ def test_known_flexion_is_kept(tmp_path):
     assert skin.fit.angles_deg["knee_angle_l"] == pytest.approx(person.knee_deg, abs=0.01)
 
 
-@pytest.mark.parametrize("name", ["residual_limb_scan.stl", "residual_limb_scan_2.stl"])
+@pytest.mark.parametrize(
+    "name", ["residual_limb_scan.stl", pytest.param("residual_limb_scan_2.stl", marks=pytest.mark.soak)]
+)
 def test_a_residual_limb_is_called_so(shared_data, tmp_path, name):
     """Below-knee residual limbs, scanned (MIT, abel-research/ampscan)."""
     scan = shared_data / "body_meshes" / name
     with pytest.raises(GeometryError, match="closed stump") as told:
-        fit_command.act(options(scan, up="z", out=tmp_path / "fit"))
+        fit_command.act(options(scan, up="z", forward="x", out=tmp_path / "fit"))
     assert "body.model = 'mesh'" in told.value.hint
     assert "closed stump" in (tmp_path / "fit" / "report.html").read_text()
     assert not (tmp_path / "fit" / "body.npz").exists()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["human_man.obj", "human_woman.obj"])
+@pytest.mark.parametrize("name", ["human_man.obj", pytest.param("human_woman.obj", marks=pytest.mark.soak)])
 def test_average_people_of_another_topology(shared_data, tmp_path, name):
     figures, _ = fit_command.act(
         options(shared_data / "body_meshes" / name, leg="both", up="y", forward="z", out=tmp_path / "fit")
@@ -260,6 +242,7 @@ def test_unknown_landmarks_are_named(tmp_path):
 def test_points_picked_in_meshlab(tmp_path):
     file = tmp_path / "marks.pp"
     file.write_text(
-        '<!DOCTYPE PickedPoints><PickedPoints><point x="1" y="2" z="3" name="kneecap" active="1"/></PickedPoints>'
+        '<!DOCTYPE PickedPoints><PickedPoints><point x="1" y="2" z="3" name="kneecap" active="1"/>'
+        "</PickedPoints>"
     )
     np.testing.assert_allclose(read_landmarks(file)["kneecap"], [1, 2, 3])

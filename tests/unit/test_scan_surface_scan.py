@@ -11,7 +11,8 @@ from hilbrace.scan.surface_scan import describe_holes, read_scan, thinned
 
 
 def tube(length_mm: float = 400.0, radius_mm: float = 60.0) -> trimesh.Trimesh:
-    mesh = trimesh.creation.cylinder(radius_mm, length_mm, sections=64).subdivide().subdivide().subdivide()
+    mesh = trimesh.creation.cylinder(radius_mm, length_mm, sections=64).subdivide_to_size(8.0)
+    mesh.merge_vertices()
     keep = np.abs(mesh.triangles_center[:, 2]) < 0.499 * length_mm
     mesh.update_faces(keep)
     mesh.remove_unreferenced_vertices()

@@ -3,6 +3,12 @@
 The optimizer knows one modulus per triangle, as the paper does. The section made here goes into
 `hilbrace.shell.build_shell` in the place of Poisson's ratio, with the rubber's own modulus for all triangles:
 the stiffness that the struts leave, in their own directions, is in the section.
+
+It is a check on finished designs and no part of the loop, whose gradient it would not follow. With it, the
+cells' larger bending stiffness included, the frontal over sagittal stiffness against the uniform brace's is
+6.6 instead of 8.1 with the joint straight and 4.1 instead of 4.6 at 59 deg (left knee of the built-in serve),
+and 7.5 instead of 7.9 and 5.1 instead of 5.6 in the recorded drop jump; the frontal stiffness is not below
+the uniform brace's in either.
 """
 
 from __future__ import annotations

@@ -19,9 +19,12 @@ class AxisCode:
         error: Its standard deviation from the pictures' noise [px].
         code: Gray code.
         inside: Place inside the period as the phase tells it [px]; not a number where it is lost.
+        even: Mean of all stripes and their inverses, the scene under even light with little noise [grey
+            levels].
     """
 
     place: Float[Array, "row column"]
     error: Float[Array, "row column"]
     code: Integer[Array, "row column"]
     inside: Float[Array, "row column"]
+    even: Float[Array, "row column"]

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 
 from hilbrace.errors import InputError
 from hilbrace.scan.board import Board, find_corners
@@ -67,11 +67,10 @@ def see_board(decoded: Decoded, board: Board, folder: Path) -> SeenBoard:
     Raises:
         InputError: Too few corners are found, or too few of them are decoded.
     """
-    grey = cv2.cvtColor(decoded.colours, cv2.COLOR_RGB2GRAY)
-    numbers, corners = _flat(board, *find_corners(board, np.asarray(grey, dtype=np.uint8)))
+    numbers, corners = _flat(board, *find_corners(board, _full_range(decoded.even)))
     if len(numbers) < FEWEST_CORNERS:
         raise InputError(
-            f"{len(numbers)} of the {board.corner_count} corners of {board.text} are in the white picture",
+            f"{len(numbers)} of the {board.corner_count} corners of {board.text} are in the pictures",
             where=str(folder),
             hint="show the whole board, sharp and evenly lit; is --board the board that was printed?",
         )
@@ -214,6 +213,12 @@ def _check_number(seen: Sequence[SeenBoard]) -> None:
             where="calibration",
             hint="photograph the board in more poses, tilted to all sides, near and far",
         )
+
+
+def _full_range(picture: Float[Array, "row column"]) -> UInt8[Array, "row column"]:
+    """A picture from black to white, so that rounding to whole levels costs least."""
+    low, high = np.quantile(picture, (0.01, 0.995))
+    return np.clip(np.rint((picture - low) / max(high - low, 1.0) * 255.0), 0, 255).astype(np.uint8)
 
 
 def _flat(

@@ -39,6 +39,7 @@ class Decoded:
         row: Its row [px].
         error: Standard deviation of both that the pictures' noise causes, the larger one [px].
         colours: The picture under white light.
+        even: Mean of all stripes and their inverses, under even light with little noise [grey levels].
         lit: Pixels that the projector reaches.
         saturated: Lit pixels that are over-exposed.
         noise: Standard deviation of the pictures' noise [grey levels].
@@ -50,6 +51,7 @@ class Decoded:
     row: Float[Array, "row column"]
     error: Float[Array, "row column"]
     colours: UInt8[Array, "row column 3"]
+    even: Float[Array, "row column"]
     lit: Bool[Array, "row column"]
     saturated: Bool[Array, "row column"]
     noise: float
@@ -82,6 +84,7 @@ def decode_capture(capture: Capture) -> Decoded:
         row=row,
         error=np.where(known, np.maximum(codes["column"].error, codes["row"].error), np.float32(np.nan)),
         colours=capture.colours(capture.place("white")),
+        even=np.float32(0.5) * (codes["column"].even + codes["row"].even),
         lit=light.lit,
         saturated=light.saturated,
         noise=noise,
@@ -93,18 +96,21 @@ def decode_capture(capture: Capture) -> Decoded:
 def _axis_code(capture: Capture, axis: str, light: Exposure, noise: float) -> AxisCode:
     plan = capture.plan
     code = np.zeros(light.lit.shape, dtype=np.uint32)
+    even = np.zeros(light.lit.shape, dtype=np.float32)
     misfits = []
     for bit in range(plan.bits(axis)):
         picture = capture.grey(capture.place("bit", axis, bit))
         inverse = capture.grey(capture.place("inverse", axis, bit))
         misfits.append(pair_misfit(picture, inverse, light))
         code = add_bit(code, picture, inverse)
+        even += picture + inverse
     check_pairs(capture, axis, misfits, light)
+    even /= np.float32(2 * plan.bits(axis))
     middle = cell_middles(code, plan.cell)
     outside = (middle < 0) | (middle > plan.size(axis) - 0.5)
     if not plan.steps:
         place = np.where(outside, np.float32(np.nan), middle)
-        return AxisCode(place, np.full_like(middle, GRAY_ERROR), code, np.full_like(middle, np.nan))
+        return AxisCode(place, np.full_like(middle, GRAY_ERROR), code, np.full_like(middle, np.nan), even)
     phase, modulation = phase_and_modulation(_cosines(capture, axis), plan.steps)
     dim = modulation < np.maximum(LEAST_MODULATION * 0.5 * light.contrast, 2.0 * noise)
     inside = np.where(dim, np.float32(np.nan), phase * np.float32(plan.period / (2.0 * np.pi)))
@@ -112,7 +118,7 @@ def _axis_code(capture: Capture, axis: str, light: Exposure, noise: float) -> Ax
     error = place_error(modulation, noise, plan.period, plan.steps)
     lost = outside | (place < 0) | (place > plan.size(axis) - 1) | (error > WORST_ERROR)
     lost |= np.abs(place - middle) > plan.cell
-    return AxisCode(np.where(lost, np.float32(np.nan), place), error, code, inside)
+    return AxisCode(np.where(lost, np.float32(np.nan), place), error, code, inside, even)
 
 
 def _cosines(capture: Capture, axis: str) -> Iterator[Float[Array, "row column"]]:

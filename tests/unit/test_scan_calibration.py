@@ -15,16 +15,17 @@ from hilbrace.scan.calibrate import SeenBoard, calibrate_pair, see_board
 from hilbrace.scan.calibration import read_calibration, save_calibration
 from hilbrace.scan.capture import open_capture
 from hilbrace.scan.decode import decode_capture
+from hilbrace.scan.patterns import PatternPlan, pattern_pictures
 from hilbrace.scan.triangulate import triangulate
-from mocks.scan_studio import BOARD_POSES
+from mocks.scan_studio import BOARD_POSES, board_scene, leg_scene, make_rig, photograph
 from tests.unit.scan_scenes import (
     BOARD,
+    BOARD_MM,
     CAMERA,
     SMALL,
     board_pictures,
     distances,
     known,
-    leg,
     leg_pictures,
     rms,
     small_rig,
@@ -89,20 +90,36 @@ def test_a_pair_that_changed_between_poses_is_refused():
         calibrate_pair(shifted, BOARD, CAMERA, PROJECTOR)
 
 
-def test_calibration_from_captures_and_a_leg_measured_with_it(tmp_path):
+def test_calibration_from_captures(tmp_path):
     seen = []
     for pose in range(9):
         folder = store(board_pictures(pose), tmp_path / f"pose_{pose}")
         seen.append(see_board(decode_capture(open_capture(folder, SMALL)), BOARD, folder))
     calibration, left_out = calibrate_pair(seen, BOARD, CAMERA, PROJECTOR)
     assert left_out == ()
-    assert calibration.camera.rms_px <= 0.3
-    assert calibration.projector.rms_px <= 0.3
+    assert calibration.camera.rms_px <= 0.15
+    assert calibration.projector.rms_px <= 0.15
     assert max(max(pose.camera_px, pose.projector_px) for pose in calibration.poses) <= 0.3
-    decoded = decode_capture(open_capture(store(leg_pictures(), tmp_path / "leg"), SMALL))
-    view = triangulate(decoded, calibration, "leg")
-    assert view.valid.sum() > 10_000
-    assert rms(distances(view.points[view.valid], leg()[0])) <= 0.5
+    np.testing.assert_allclose(calibration.camera.matrix, small_rig().camera.matrix, atol=3.0)
+    assert calibration.base_mm == pytest.approx(float(np.linalg.norm(small_rig().translation)), rel=0.005)
+
+
+@pytest.mark.soak
+def test_a_leg_measured_with_a_calibration_from_captures(tmp_path):
+    """At a laboratory's resolution: twelve poses of the board, then a leg, both photographed."""
+    plan, rig, texture = PatternPlan(1280, 720), make_rig(), board_picture(BOARD, 8)
+    patterns, seen = pattern_pictures(plan), []
+    for number, pose in enumerate(BOARD_POSES):
+        folder = tmp_path / f"pose_{number}"
+        photograph(board_scene(texture, BOARD_MM, *pose), rig, patterns, folder, seed=number)
+        seen.append(see_board(decode_capture(open_capture(folder, plan)), BOARD, folder))
+    calibration, left_out = calibrate_pair(seen, BOARD, rig.camera.size, rig.projector.size)
+    assert left_out == ()
+    assert max(calibration.camera.rms_px, calibration.projector.rms_px) <= 0.3
+    photograph(leg_scene(), rig, patterns, tmp_path / "leg")
+    view = triangulate(decode_capture(open_capture(tmp_path / "leg", plan)), calibration, "leg")
+    assert view.valid.sum() > 90_000
+    assert rms(distances(view.points[view.valid], leg_scene())) <= 0.5
 
 
 def test_a_picture_without_the_board_is_named(tmp_path):

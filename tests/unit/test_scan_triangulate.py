@@ -47,6 +47,7 @@ def seen_by(calibration, points):
         row=row,
         error=np.full(column.shape, 0.1, dtype=np.float32),
         colours=np.zeros((*column.shape, 3), dtype=np.uint8),
+        even=np.zeros(column.shape, dtype=np.float32),
         lit=lit,
         saturated=~lit,
         noise=1.0,

@@ -19,7 +19,7 @@ from fabrication.fixtures.luer import placed_luer_port, syringe_room
 from fabrication.fixtures.stand import base
 from fabrication.flanges import flange_places
 from fabrication.hardware import shopping_list
-from fabrication.joints import find_joints, joined
+from fabrication.joints import Joints, find_joints, joined
 from fabrication.marking import marked
 from fabrication.mold import Casting, Mold, Piece
 from fabrication.parting import find_parting
@@ -95,12 +95,16 @@ def build_mold(casting: Casting, settings: MoldSettings, step: Step = quietly) -
         undercut_deg=parting.undercut_deg,
         shell_of=parting.shell_of,
         channels=(bore.body(), *vents),
-        gaps=(
-            *joints.everywhere,
-            *(socket - union(joints.adders.values()) for socket in joints.sockets.values()),
-        ),
+        gaps=_gaps((inner, *shells), joints) if casting.flat else (),
         drawn=(boss, bore, *joints.drawn, *split.drawn, *stand.placed),
     )
+
+
+def _gaps(pieces: Sequence[Piece], joints: Joints) -> tuple[Manifold, ...]:
+    """What the joints take from pieces and no key fills: only a lid's lie where its casting is measured."""
+    pins = union(joints.adders.values())
+    cutters = [(piece, [*joints.everywhere, *_given(joints.sockets, piece.name)]) for piece in pieces]
+    return tuple((piece.solid ^ union(bodies)) - pins for piece, bodies in cutters if bodies)
 
 
 def _at(shells: Sequence[Piece], point: Float[Array, "3"]) -> Piece:

@@ -1,7 +1,7 @@
 """Pieces larger than the printer's bed, cut into parts that fit it and that dowel pins bring together again.
 
 Cuts run across the limb, at heights that stay clear of bolts, keys, ports and vents, and not at the height of
-another piece's cut, so that each joint is bridged by what lies beside it. They contain the way in which their
+another shell's cut, so that each joint is bridged by the shell beside it. They contain the way in which their
 piece comes off: a part slides off along its own cut. Where a part is still too wide, it is cut lengthwise.
 """
 
@@ -33,7 +33,7 @@ LEAST_CLEAR_MM = 6.5
 """A cut never comes closer to them than this: the radius of a washer's seat and a wall [mm]."""
 
 STAGGER_MM = 20.0
-"""Cuts of different pieces keep this distance where they can [mm]."""
+"""Cuts of different shells keep this distance where they can [mm]."""
 
 LEVEL_MM = 0.5
 """Steps in which heights are tried [mm]."""
@@ -75,6 +75,10 @@ class Cut:
 
     normal: Float[Array, "3"]
     level: float
+
+    def along(self, normal: Float[Array, "3"]) -> bool:
+        """Whether this cut lies across nearly the same direction."""
+        return abs(float(self.normal @ normal)) > 0.9
 
 
 def split_for_bed(
@@ -123,7 +127,7 @@ class _Splitter:
             avoid,
             pieces,
         )
-        self.cuts: list[Cut] = []
+        self.cuts: list[tuple[str, Cut]] = []
         self.hardware: list[Hardware] = []
         self.drawn: list[Placed] = []
 
@@ -177,7 +181,7 @@ class _Splitter:
         levels = np.arange(least, most, LEVEL_MM)
         holes = self.avoid @ normal
         clear = np.abs(levels[:, None] - holes).min(axis=1, initial=CLEAR_MM)
-        others = np.array([cut.level for cut in self.cuts if abs(float(cut.normal @ normal)) > 0.9])
+        others = np.array([cut.level for kind, cut in self.cuts if kind == piece.kind and cut.along(normal)])
         apart = np.abs(levels[:, None] - others).min(axis=1, initial=STAGGER_MM)
         even = np.abs(levels - (low + (high - low) / (remaining + 1))) / (high - low)
         cost = 2.0 * (1.0 - clear / CLEAR_MM) + (1.0 - apart / STAGGER_MM) + 2.0 * even
@@ -202,7 +206,7 @@ class _Splitter:
         sides = [_whole(side) for side in (lower, upper)]
         if any(side is None for side in sides):
             return None
-        self.cuts.append(cut)
+        self.cuts.append((piece.kind, cut))
         self.hardware += hardware
         self.drawn += placed_dowels(sites.places, sites.diameter_mm, self.settings)
         below, above = (replace(piece, solid=side) for side in sides if side is not None)

@@ -24,6 +24,7 @@ FORMS = (
     "charuco:7x5:30:22 (squares, square and marker in mm) or chessboard:9x6:25 (inner corners, square in mm)"
 )
 
+_STOP = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)
 _CHARUCO = re.compile(r"charuco:(\d+)x(\d+):([\d.]+):([\d.]+)(?::(\w+))?")
 _CHESSBOARD = re.compile(r"chessboard:(\d+)x(\d+):([\d.]+)")
 
@@ -206,4 +207,8 @@ def _chessboard_corners(
     found, corners = cv2.findChessboardCornersSB(picture, (board.columns, board.rows), flags=flags)
     if not found or corners is None:
         return np.zeros(0, dtype=np.int64), np.zeros((0, 2))
-    return np.arange(board.corner_count), np.asarray(corners, dtype=float).reshape(-1, 2)
+    spacing = np.linalg.norm(np.diff(corners.reshape(board.rows, board.columns, 2), axis=1), axis=2).min()
+    half = int(np.clip(0.3 * spacing, 2, 15))
+    # The detector's own places lean by a tenth of a pixel on tilted boards.
+    refined = cv2.cornerSubPix(picture, corners.astype(np.float32), (half, half), (-1, -1), _STOP)
+    return np.arange(board.corner_count), np.asarray(refined, dtype=float).reshape(-1, 2)

@@ -200,7 +200,7 @@ def pose_limb(limb: Limb, shape: Float[Array, " coefficient"], pose: Pose) -> Po
                 sign = -sign if mirrored and side == "l" else sign
                 hinges.append((sign * frame @ _AXES[axis], centre, below, below + 2 - part))
                 angle = sign * pose.angles[first + number]
-                frame = frame @ Rotation.from_rotvec(angle * _AXES[axis]).as_matrix()
+                frame = np.asarray(frame @ Rotation.from_rotvec(angle * _AXES[axis]).as_matrix(), float)
             joints[name] = centre
             turns.append(frame @ neutral.get(f"{bone[0]}_{side}", np.eye(3)))
             spinning.append(spins.get(f"{bone[0]}_{side}", still) @ frame.T)

@@ -80,9 +80,10 @@ def marks_of(limb: Limb, places: dict[str, Float[Array, "3"]], metres: float, wh
     """
     joints = limb.model.joints(np.zeros(0))
     vertices, wanted = [], []
+    only = limb.sides[0]
     for name, place in places.items():
         # A name alone is one of the only leg.
-        plain, side = (name[:-2], name[-1]) if name[-2:] in ("_r", "_l") else (name, limb.sides[0])
+        plain, side = (name[:-2], name[-1]) if name[-2:] in ("_r", "_l") else (name, only)
         if plain not in PLACES or side not in limb.sides or (len(limb.sides) > 1 and plain == name):
             ending = " with _r or _l" if len(limb.sides) > 1 else ""
             raise InputError(

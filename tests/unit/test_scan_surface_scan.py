@@ -55,7 +55,7 @@ def test_holes_are_told_and_islands_dropped(tmp_path):
     scan = read_scan(tmp_path / "leg.ply")
     assert scan.dropped == 1
     assert len(scan.gaps) == 1
-    np.testing.assert_allclose(1000 * scan.gaps[0].centre, centre, atol=8.0)
+    np.testing.assert_allclose(1000 * scan.gaps[0].centre, centre, atol=12.0)
     assert any(line.startswith("hole, ") and "(5" in line for line in describe_holes(scan))
 
 

@@ -17,7 +17,7 @@ from tests.pipeline.small_run import write_small_run
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
-TINY = {"optimize": {"iterations": 4, "checkpoint_every": 1, "snapshots": 0}}
+TINY: dict[str, dict[str, object]] = {"optimize": {"iterations": 4, "checkpoint_every": 1, "snapshots": 0}}
 FILES = ("ablation.csv", "ablation.json", "ablation.png", "ablation.html")
 
 

@@ -44,14 +44,14 @@ def test_findings_that_came_out_say_by_how_much():
 
 @pytest.mark.parametrize("coupling", ["stiffness", "paper"])
 def test_findings_that_did_not_come_out_say_why(coupling: str):
-    found = findings(rows(), OptimizeSettings(coupling=coupling))
+    found = findings(rows(), OptimizeSettings.model_validate({"coupling": coupling}))
     assert [finding.came_out for finding in found] == [False, False, False]
     assert all(finding.why for finding in found)
     assert ("L1 itself" in found[1].why) == (coupling == "stiffness")
 
 
 def test_a_loss_that_the_design_lacks_cannot_be_taken_away():
-    settings = OptimizeSettings(weights={"compliance": 0.0})
+    settings = OptimizeSettings.model_validate({"weights": {"compliance": 0.0}})
     assert findings(rows(), settings)[1].why == "The design itself has no such loss."
 
 

@@ -24,7 +24,7 @@ PATTERN = PatternSettings(scale=0.08, rim_mm=10.0)
 def test_pulls_are_what_finite_differences_say(coupling: str):
     loads = knee_loads()
     domain = knee_domain(loads, around=16, along=12)
-    settings = OptimizeSettings(coupling=coupling)
+    settings = OptimizeSettings.model_validate({"coupling": coupling})
     problem = build_problem(loads, domain, settings, MaterialSettings(), PATTERN)
     firm = firmness(problem, segment_by_energy(problem))
     generator = np.random.default_rng(3)

@@ -48,7 +48,7 @@ def _brace(side: str, folder: Path, flatten: str, coupling: str) -> tuple[Domain
     design, _ = optimize_design(
         loads,
         domain,
-        OptimizeSettings(iterations=12, coupling=coupling),
+        OptimizeSettings.model_validate({"iterations": 12, "coupling": coupling}),
         MaterialSettings(),
         PatternSettings(period_mm=80.0),
         folder / f"{side}.npz",

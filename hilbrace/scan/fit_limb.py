@@ -194,15 +194,15 @@ def pose_limb(limb: Limb, shape: Float[Array, " coefficient"], pose: Pose) -> Po
             centre_moves = end_moves[parent] + (moves[name] - start_moves[parent]) @ turns[parent].T
             centre_moves = centre_moves + np.cross(spinning[parent], centre - end[parent])
             below = len(turns)
-            for number, (turned, axis, sign, mirrored) in enumerate(_TURNS):
-                if turned != joint:
+            for number, (hinge, axis, sign, mirrored) in enumerate(_TURNS):
+                if hinge != joint:
                     continue
                 sign = -sign if mirrored and side == "l" else sign
                 hinges.append((sign * frame @ _AXES[axis], centre, below, below + 2 - part))
                 angle = sign * pose.angles[first + number]
-                frame = np.asarray(frame @ Rotation.from_rotvec(angle * _AXES[axis]).as_matrix(), float)
+                frame = frame @ Rotation.from_rotvec(angle * _AXES[axis]).as_matrix()
             joints[name] = centre
-            turns.append(frame @ neutral.get(f"{bone[0]}_{side}", np.eye(3)))
+            turns.append(np.asarray(frame @ neutral.get(f"{bone[0]}_{side}", np.eye(3)), float))
             spinning.append(spins.get(f"{bone[0]}_{side}", still) @ frame.T)
             start.append(own[name])
             start_moves.append(moves[name])

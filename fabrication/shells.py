@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from manifold3d import Manifold, OpType
 
 from fabrication.bodies import body_of
@@ -107,7 +107,9 @@ def _lid(casting: Casting, settings: MoldSettings) -> Manifold:
     return swept(casting.outer, casting.triangles, lift)
 
 
-def swept(vertices: Float[Array, "vertex 3"], triangles: Array, way: Float[Array, "3"]) -> Manifold:
+def swept(
+    vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"], way: Float[Array, "3"]
+) -> Manifold:
     """The body that a surface sweeps on a straight way to its outer side."""
     count = len(vertices)
     walls = []

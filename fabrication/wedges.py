@@ -77,7 +77,12 @@ class Wedges:
 
 
 def limb_wedges(
-    centreline: Float[Array, "point 3"], low: float, high: float, turn: float, count: int, axes: Array
+    centreline: Float[Array, "point 3"],
+    low: float,
+    high: float,
+    turn: float,
+    count: int,
+    axes: Float[Array, "3 3"],
 ) -> Wedges:
     """Wedges about a centreline, prolonged straight to where the mold begins and ends.
 

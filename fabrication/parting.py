@@ -33,6 +33,9 @@ AZIMUTHS = 24
 SCAN_CELL_MM, CELL_MM = 8.0, 3.0
 """Spacing of the parting's grid while directions are tried, and of the final one [mm]."""
 
+SCAN_SIMPLIFY_MM = 0.05
+"""How far the surface may be off while directions are tried [mm]."""
+
 AS_GOOD = 3e-3
 """Directions whose undercut differs by less than this part of the surface are equally good [-]."""
 
@@ -213,7 +216,7 @@ def limb_axes(casting: Casting) -> Float[Array, "3 3"]:
 def _best(casting: Casting, core: Core, count: int, settings: MoldSettings) -> Parting:
     """The best parting into a number of shells."""
     reach = settings.wall_mm + settings.flange_mm
-    surface = surface_of(core.land, find_ends(casting))
+    surface = surface_of(core.land.simplify(SCAN_SIMPLIFY_MM), find_ends(casting))
     axes = limb_axes(casting)
     if count == 2:
         turns = np.arange(AZIMUTHS) * np.pi / AZIMUTHS

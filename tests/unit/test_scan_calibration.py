@@ -105,6 +105,7 @@ def test_calibration_from_captures(tmp_path):
 
 
 @pytest.mark.soak
+@pytest.mark.timeout(1800)
 def test_a_leg_measured_with_a_calibration_from_captures(tmp_path):
     """At a laboratory's resolution: twelve poses of the board, then a leg, both photographed."""
     plan, rig, texture = PatternPlan(1280, 720), make_rig(), board_picture(BOARD, 8)

@@ -192,7 +192,8 @@ def pose_limb(limb: Limb, shape: Float[Array, " coefficient"], pose: Pose) -> Po
             name = f"{joint}_{side}"
             centre = end[parent] + turns[parent] @ (own[name] - start[parent])
             centre_moves = end_moves[parent] + (moves[name] - start_moves[parent]) @ turns[parent].T
-            centre_moves = centre_moves + np.cross(spinning[parent], centre - end[parent])
+            drift: Array = np.cross(spinning[parent], centre - end[parent])
+            centre_moves = centre_moves + drift
             below = len(turns)
             for number, (hinge, axis, sign, mirrored) in enumerate(_TURNS):
                 if hinge != joint:
@@ -202,7 +203,7 @@ def pose_limb(limb: Limb, shape: Float[Array, " coefficient"], pose: Pose) -> Po
                 angle = sign * pose.angles[first + number]
                 frame = frame @ Rotation.from_rotvec(angle * _AXES[axis]).as_matrix()
             joints[name] = centre
-            turns.append(np.asarray(frame @ neutral.get(f"{bone[0]}_{side}", np.eye(3)), float))
+            turns.append(frame @ neutral.get(f"{bone[0]}_{side}", np.eye(3)))
             spinning.append(spins.get(f"{bone[0]}_{side}", still) @ frame.T)
             start.append(own[name])
             start_moves.append(moves[name])

@@ -1,4 +1,4 @@
-"""What shall be cast, from a run folder: the brace, and the limb's surface under it and beyond its edges."""
+"""What shall be cast: the brace of a run or a file, and the limb's surface under it and beyond its edges."""
 
 from __future__ import annotations
 
@@ -10,8 +10,12 @@ from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from fabrication.bodies import body_of
+from fabrication.foreign_brace import Mesh, read_brace
+from fabrication.foreign_limb import cut_tube, guessed_limb, read_limb, span_of, tube_axis
+from fabrication.foreign_sheet import flat_normal, on_ground, on_limb
 from fabrication.limb import Limb, centreline, with_windows_filled
 from fabrication.mold import Casting
+from fabrication.printers import profile
 from fabrication.sheet import Rim, Sheet, loop_normal, prolonged, rim_of
 from hilbrace.config import MoldSettings, read_config
 from hilbrace.domain.domain import Domain
@@ -50,6 +54,63 @@ def casting_of_run(folder: Path, settings: MoldSettings) -> Casting:
     return casting_of(recording, domain, pattern, solid, settings)
 
 
+def casting_of_stl(
+    brace: Path, limb: Path | None, settings: MoldSettings, units: str | None = None
+) -> Casting:
+    """A brace from a file, ready for its mold; sleeves around a fairly straight limb, and flat coupons.
+
+    Args:
+        brace: STL, PLY or OBJ file of the brace.
+        limb: The same of the limb that it lies on; a sleeve's is guessed, and a coupon lies on its ground.
+        settings: Printer, shrinkage, foot, gutter and resolution.
+        units: Unit of both files; told from the brace's size if left out.
+
+    Raises:
+        InputError: A file is missing or no mesh, or the unit cannot be told.
+        GeometryError: The brace is unsound (see `read_brace`), or does not lie on its limb.
+    """
+    given = read_brace(brace, profile(settings), units)
+    where = str(brace)
+    growth = _growth(settings)
+    centre = centre_of(*given.mesh)
+    mesh = Mesh(centre + growth * (given.mesh.vertices - centre), given.mesh.triangles)
+    normal = flat_normal(mesh) if limb is None else None
+    if normal is not None:
+        laid = on_ground(mesh, normal, settings, where)
+        said: list[str] = []
+    else:
+        up = tube_axis(mesh, where)
+        span = span_of(mesh, up)
+        if limb is None:
+            tube = guessed_limb(mesh, span, settings.resolution_mm, where)
+            said = ["no limb was given: the core is shaped after the brace's inner face"]
+        else:
+            whole = read_limb(limb, given.factor)
+            whole = Mesh(centre + growth * (whole.vertices - centre), whole.triangles)
+            tube, said = cut_tube(whole, span, str(limb))
+        laid = on_limb(mesh, tube, up, settings, where)
+    sheet, thickness = laid.sheet, np.linalg.norm(laid.sheet.vector, axis=1)
+    return Casting(
+        name=_plain(brace.stem),
+        joint="",
+        side="",
+        brace=body_of(mesh.vertices, mesh.triangles, where),
+        thickness_mm=laid.thickness_mm,
+        vertices=sheet.vertices,
+        direction=sheet.vector / thickness[:, None],
+        thickness=thickness,
+        triangles=sheet.triangles,
+        covered=None,
+        beyond=sheet.beyond,
+        down=-laid.up,
+        up=laid.up,
+        centreline=laid.line,
+        shrinkage=growth - 1.0,
+        flat=normal is not None,
+        repairs=(*given.repairs, *said, *laid.repairs),
+    )
+
+
 def casting_of(
     recording: str, domain: Domain, pattern: Pattern, solid: Solid, settings: MoldSettings
 ) -> Casting:
@@ -68,7 +129,7 @@ def casting_of(
     joint, letter = domain.joint.split("_")
     brace = body_of(solid.vertices, solid.triangles, "solid")
     centre = centre_of(solid.vertices, solid.triangles)
-    growth = 1.0 / (1.0 - settings.shrinkage_percent / 100.0)
+    growth = _growth(settings)
     offset = safe_offset(domain, solid.thickness_mm)
     limb = with_windows_filled(
         Limb(domain.vertices, offset.vector, domain.triangles, np.zeros(len(domain.triangles), dtype=bool)),
@@ -118,6 +179,11 @@ def centre_of(vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangl
     a, b, c = np.moveaxis(vertices[triangles], 1, 0)
     volume = np.einsum("tx,tx->t", a, np.cross(b, c))
     return ((a + b + c) / 4 * volume[:, None]).sum(axis=0) / volume.sum()
+
+
+def _growth(settings: MoldSettings) -> float:
+    """What the casting will shrink from, over what it shall be [-]."""
+    return 1.0 / (1.0 - settings.shrinkage_percent / 100.0)
 
 
 def _check(folder: Path, pattern: Pattern, solid: Solid) -> None:

@@ -8,12 +8,13 @@ boolean.
 
 from __future__ import annotations
 
+import igl
 import numpy as np
 from jaxtyping import Float, Int
 from manifold3d import Manifold, triangulate
 from scipy.spatial import KDTree
 
-from fabrication.bodies import body_of
+from fabrication.bodies import body_of, mesh_of
 from fabrication.draft import Levels, drafted, wall_edges
 from fabrication.mold import Casting, Core
 from fabrication.sheet import loop_normal, rim_of
@@ -27,6 +28,17 @@ GUTTER_DEPTH_MM = 6.0
 """How far the gutter's floor lies below the limb."""
 BACK_MM = 12.0
 """Thickness of the core behind the ground of a flat casting."""
+LIFT_MM = 0.4
+"""How far what is cut out of a core by a boolean stands out of it, so that no film is left."""
+LEVEL = 0.35
+"""Distance of the brace's outer face from the land, over its thickness, up to which it is lifted [-]."""
+FACING = 0.7
+"""Cosine to the way outward above which a face of the brace is part of its outer face [-]."""
+FILM_MM = 0.2
+"""Pieces thinner than this that a boolean leaves over the grooves are films, no lands."""
+CAVITY = 0.01
+"""Largest difference of the grooves of a file's brace from its volume; rounded edges come out sharper [-]."""
+_LEVEL_MM = 1e-3
 EQUAL_MM = 1e-6
 """Triangles are merged where the surface moves by no more than this."""
 
@@ -44,21 +56,14 @@ def build_core(casting: Casting, settings: MoldSettings) -> Core:
     lower, upper = edge_line(casting, -1), edge_line(casting, 1)
     floor = casting.vertices - _sunk(casting, upper)[:, None] * casting.direction
     land = _closed(casting, casting.outer, casting.triangles, "core without grooves").simplify(EQUAL_MM)
-    above = casting.triangles[casting.beyond == 1]
-    reach = np.linalg.norm(casting.outer - floor, axis=1)
-    gutter = body_of(*thicken(floor, casting.direction, above, reach), "gutter").simplify(EQUAL_MM)
+    gutter = _gutter(casting, floor, 0.0)
     if casting.covered is None:
-        solid = land - casting.brace - gutter
+        solid = land - _opened(casting) - _gutter(casting, floor, LIFT_MM)
+        gutter = gutter - casting.brace
+        _check_volume(casting, land.volume() - solid.volume() - gutter.volume())
     else:
         solid = _grooved(casting, drafted(casting, settings.draft_deg), floor - casting.vertices)
-    solid = solid.simplify(EQUAL_MM)
-    parts = solid.decompose()
-    if len(parts) != 1:
-        raise GeometryError(
-            f"the core falls into {len(parts)} pieces",
-            where="mold core",
-            hint="the brace must be thinner than the limb under it",
-        )
+    solid = _whole(solid.simplify(EQUAL_MM))
     return Core(
         solid=solid,
         land=land,
@@ -68,6 +73,30 @@ def build_core(casting: Casting, settings: MoldSettings) -> Core:
         axis=casting.up,
         foot=_foot(casting),
     )
+
+
+def _check_volume(casting: Casting, grooves_mm3: float) -> None:
+    """Refuse a core whose grooves are not the brace: its outer face has steps that no shell follows."""
+    wanted = casting.brace.volume()
+    if abs(grooves_mm3 - wanted) > CAVITY * wanted:
+        raise GeometryError(
+            f"the grooves hold {grooves_mm3 / 1000:.2f} ml and the brace {wanted / 1000:.2f} ml",
+            where="mold core",
+            hint="lower mold.resolution_mm, take off what stands out from the brace, or give its limb",
+        )
+
+
+def _whole(solid: Manifold) -> Manifold:
+    """The core without the films that a boolean leaves over the grooves."""
+    parts = sorted(solid.decompose(), key=lambda part: -part.volume())
+    thick = [part for part in parts[1:] if 2 * part.volume() > FILM_MM * part.surface_area()]
+    if thick:
+        raise GeometryError(
+            f"the core falls into {len(thick) + 1} pieces",
+            where="mold core",
+            hint="the limb must go through the brace from end to end, and the brace lie on it",
+        )
+    return parts[0]
 
 
 def edge_line(casting: Casting, end: int) -> Int[Array, " corner"]:
@@ -92,6 +121,31 @@ def _sunk(casting: Casting, upper: Int[Array, " corner"]) -> Float[Array, " vert
     away = KDTree(casting.outer[upper]).query(casting.outer[above])[0]
     sunk[above] = np.minimum(away, GUTTER_DEPTH_MM)
     return sunk
+
+
+def _gutter(casting: Casting, floor: Float[Array, "vertex 3"], lift_mm: float) -> Manifold:
+    """The gutter, from its floor to the shells' inner face or somewhat beyond."""
+    above = casting.triangles[casting.beyond == 1]
+    reach = np.linalg.norm(casting.outer - floor, axis=1) + lift_mm
+    height = casting.outer @ casting.up
+    floor = floor + np.where(height > height.max() - _LEVEL_MM, lift_mm, 0.0)[:, None] * casting.up
+    return body_of(*thicken(floor, casting.direction, above, reach), "gutter").simplify(EQUAL_MM)
+
+
+def _opened(casting: Casting) -> Manifold:
+    """The brace of a file, its outer face lifted a little out of the lands."""
+    points, triangles = mesh_of(casting.brace)
+    found = igl.point_mesh_squared_distance(points, casting.outer, casting.triangles)
+    away, near = np.sqrt(np.asarray(found[0])), np.asarray(found[1])
+    way = casting.direction[casting.triangles[near]].mean(axis=1)
+    p = points[triangles]
+    normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    outward = np.einsum("tx,tx->t", normal, way[triangles].mean(axis=1)) > FACING
+    on_face = np.zeros(len(points), dtype=bool)
+    on_face[triangles[outward]] = True
+    on_face &= away < LEVEL * casting.thickness_mm
+    return body_of(points + np.where(on_face, LIFT_MM, 0.0)[:, None] * way, triangles, "brace")
 
 
 def _grooved(casting: Casting, levels: Levels, sunk: Float[Array, "vertex 3"]) -> Manifold:

@@ -87,7 +87,7 @@ def walls_of(
     for k in range(2):
         np.add.at(across, edges[:, k], np.cross(along, casting.direction[edges[:, k]]))
     outline = np.unique(edges)
-    near = _neighbours(casting.vertices, edges)
+    near = neighbour_mean(casting.vertices, edges)
     for _ in range(_SMOOTHINGS):
         across += _unit(near @ _unit(across)) * np.linalg.norm(across, axis=1, keepdims=True)
     return outline, _unit(across)
@@ -106,7 +106,7 @@ def _unit(vectors: Float[Array, "vertex 3"]) -> Float[Array, "vertex 3"]:
     return np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0)
 
 
-def _neighbours(
+def neighbour_mean(
     points: Float[Array, "vertex 3"], edges: Int[Array, "edge 2"], fade_mm: float = np.inf
 ) -> csr_array:
     """Mean over neighbours and, over the length given, nothing, as a matrix.
@@ -146,7 +146,7 @@ class _Side:
         near = triangles[reached[triangles].all(axis=1)]
         self.near = np.searchsorted(self.used, near)
         self.held = np.isin(self.used, outline)
-        self.pull = _neighbours(points[self.used], _sides(self.near), fade_mm)
+        self.pull = neighbour_mean(points[self.used], _sides(self.near), fade_mm)
         self.free = _free_directions(points, triangles, self.used)
         self.free[np.isin(self.used, ends)] = 0.0
 

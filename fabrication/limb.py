@@ -82,7 +82,8 @@ def _cap(
     plane = np.concatenate([flat, inner])
     corners = corners[_inside(plane[corners].mean(axis=1), flat)]
     a, b, c = np.moveaxis(plane[corners], 1, 0)
-    turned = np.cross(b - a, c - a) < 0
+    (ux, uy), (vx, vy) = (b - a).T, (c - a).T
+    turned = ux * vy - uy * vx < 0
     corners[turned] = corners[turned][:, ::-1]
     ears = (corners < len(loop)).all(axis=1)
     inner = np.concatenate([inner, plane[corners[ears]].mean(axis=1)])
@@ -156,14 +157,14 @@ def centreline(
     fixed = np.concatenate([lower, upper])
     ends = np.concatenate([np.zeros(len(lower)), np.ones(len(upper))])[:, None]
     level = _harmonic(vertices, triangles, fixed, ends, 1)[:, 0]
-    inner = [_section(vertices, triangles, level - value) for value in np.arange(1, LEVELS) / LEVELS]
+    inner = [section(vertices, triangles, level - value) for value in np.arange(1, LEVELS) / LEVELS]
     return np.array([_middle(vertices[lower]), *inner, _middle(vertices[upper])])
 
 
-def _section(
+def section(
     vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"], level: Float[Array, " vertex"]
 ) -> Float[Array, "3"]:
-    """Middle of the line where a function is zero, by length."""
+    """Middle, by length, of the line where a function of a surface's vertices is zero [mm]."""
     ends = []
     start, end = level[triangles], level[np.roll(triangles, -1, axis=1)]
     crossed = (start > 0) != (end > 0)

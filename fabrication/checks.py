@@ -11,6 +11,7 @@ import numpy as np
 from fabrication.cavity import measure_cavity
 from fabrication.filling import trapped_maxima
 from fabrication.mold import Mold, Piece
+from fabrication.parting import MOST_UNDERCUT
 from fabrication.printable import Printable
 from fabrication.printers import Printer
 from fabrication.removal import collision
@@ -31,9 +32,6 @@ TOUCH_MM3 = 1e-3
 CHANNEL_MM = 1.0
 """Narrowest channel that fills: silicone of 20 Pa s at 1 mm/s loses 12 * 20 * 0.001 / 0.001^2 Pa/m, that is
 5 kPa on 20 mm of a slit 1 mm wide, which a hand on a syringe has to spare."""
-
-UNDERCUT_SHARE = 5e-3
-"""Largest part of the shells' inner faces that may hinder them."""
 
 REACH_MM = 12.0
 """Walls thicker than this are not measured [mm]."""
@@ -195,7 +193,7 @@ def _opening_checks(mold: Mold) -> tuple[Check, ...]:
             where=max(worst, key=lambda name: worst[name]) if worst else "",
         ),
         Check(
-            "undercut_area_mm2", sum(mold.undercut.values()), UNDERCUT_SHARE * _area(mold),
+            "undercut_area_mm2", sum(mold.undercut.values()), MOST_UNDERCUT * _area(mold),
             "Area of the shells' inner faces that leans more than a degree against the pull; it is relieved.",
             "use another number of shells (mold.shells)",
         ),

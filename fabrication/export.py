@@ -44,6 +44,8 @@ def write_glb(path: Path, mold: Mold) -> None:
         mold: The mold.
     """
     import trimesh
+    from trimesh.exchange.gltf import export_glb
+    from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial
 
     scene = trimesh.Scene()
@@ -55,8 +57,8 @@ def write_glb(path: Path, mold: Mold) -> None:
             name=name, baseColorFactor=[*colour, 1.0], metallicFactor=0.0, roughnessFactor=0.7
         )
         mesh = trimesh.Trimesh(vertices / MM_PER_M, triangles, process=False)
-        mesh.visual = trimesh.visual.TextureVisuals(material=material)
+        mesh.visual = TextureVisuals(material=material)
         place = np.eye(4)
         place[:3, 3] = ways[name] / MM_PER_M
         scene.add_geometry(mesh, node_name=name, geom_name=name, transform=place)
-    write_atomic(path, bytes(scene.export(file_type="glb")))
+    write_atomic(path, export_glb(scene))

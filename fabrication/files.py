@@ -111,7 +111,7 @@ def write_mold(
     """
     if slice_pieces:
         required_slicer()
-    with _replaced(folder) as fresh:
+    with replaced(folder) as fresh:
         with step("pieces"):
             pieces = tuple(printable(piece) for piece in mold.pieces)
         with step("checks"):
@@ -197,8 +197,15 @@ def _plain(value: float) -> float | int:
 
 
 @contextmanager
-def _replaced(folder: Path) -> Iterator[Path]:
-    """A fresh folder that takes the place of the old one when the work has ended well."""
+def replaced(folder: Path) -> Iterator[Path]:
+    """A fresh folder that takes the place of the old one when the work has ended well.
+
+    Args:
+        folder: The folder to make or to replace.
+
+    Raises:
+        InputError: It holds something that is no mold, or cannot be made.
+    """
     if folder.exists() and not (folder / "checks.json").exists() and any(folder.iterdir()):
         raise InputError(
             "the folder is not empty and holds no mold", where=str(folder), hint="give another --out"

@@ -44,6 +44,9 @@ PORT_HEIGHT_MM = 4.0
 PORT_RADIUS_MM = 10.0
 """Room around the port's boss [mm]."""
 
+MOST_SLOPE = 0.6
+"""Cosine between the surface's normal and up from which on a level port would leave the wall too slantwise."""
+
 PORT_CLEARANCE_MM = 2.0
 """Material this much thicker than a shell's wall is a flange [mm]."""
 
@@ -152,10 +155,11 @@ def _port(
     outer = KDTree(casting.outer)
     surface = np.concatenate([mesh_of(piece.solid)[0] for piece in shells])
     flanges = surface[outer.query(surface)[0] > settings.wall_mm + PORT_CLEARANCE_MM]
-    places = core.lower + PORT_HEIGHT_MM * up
-    clear = np.ones(len(places), bool)
+    places = core.lower - PORT_HEIGHT_MM * casting.down
+    directions = casting.direction[outer.query(places)[1]]
+    clear = np.abs(directions @ up) < MOST_SLOPE
     if len(flanges):
-        clear = KDTree(flanges).query(places)[0] > settings.wall_mm + PORT_RADIUS_MM
+        clear &= KDTree(flanges).query(places)[0] > settings.wall_mm + PORT_RADIUS_MM
     if not clear.any():
         raise GeometryError(
             "the flanges leave no room for the filling port",
@@ -163,8 +167,8 @@ def _port(
             hint="use fewer shells (mold.shells = 2) or narrower flanges (mold.flange_mm)",
         )
     height = np.where(clear, places @ up, np.inf)
-    place = places[int(np.argmin(height))]
-    return place, _level(casting.direction[int(outer.query(place)[1])], up)
+    lowest = int(np.argmin(height))
+    return places[lowest], _level(directions[lowest], up)
 
 
 def _level(direction: Float[Array, "3"], up: Float[Array, "3"]) -> Float[Array, "3"]:
@@ -227,7 +231,7 @@ def _near_points(vertices: Float[Array, "vertex 3"], gutter: Manifold) -> Bool[A
     touching = np.zeros(len(vertices), bool)
     if near.any():
         squared = igl.point_mesh_squared_distance(vertices[near], points, triangles)[0]
-        touching[near] = squared < OPEN_MM**2
+        touching[near] = np.asarray(squared) < OPEN_MM**2
     return touching
 
 

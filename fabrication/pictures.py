@@ -156,7 +156,9 @@ def undercut_map(scene: Scene) -> Figure:
     return figure
 
 
-def _unrolled(axes: Axes, mold: Mold, shells: list[list[Piece]], colours: object, norm: BoundaryNorm) -> None:
+def _unrolled(
+    axes: Axes, mold: Mold, shells: list[list[Piece]], colours: ListedColormap, norm: BoundaryNorm
+) -> None:
     """The worst lean in each small patch, by angle around the limb and height along it."""
     casting = mold.casting
     axis = mold.core.axis / np.linalg.norm(mold.core.axis)
@@ -239,13 +241,15 @@ def step_fill(scene: Scene) -> Figure:
     points = np.concatenate([body.vertices for body in parts])
     long = 0.2 * float(np.ptp(points @ axis))
     mouth = filling.port + MOUTH_MM * filling.inlet
-    _arrow(axes, *view.flat(np.stack([mouth + long * filling.inlet, mouth])), "silicone in", SILICONE)
+    way_in = view.flat(np.stack([mouth + long * filling.inlet, mouth]))
+    _arrow(axes, way_in, "silicone in", SILICONE, at_tip=False)
     middle = scene.mold.core.upper.mean(axis=0)
     crown = middle + ((scene.mold.core.upper @ axis).max() + 12.0 - middle @ axis) * axis
-    _arrow(axes, *view.flat(np.stack([crown, crown + long * axis])), "air out", AIR, at_tip=True)
+    _arrow(axes, view.flat(np.stack([crown, crown + long * axis])), "air out", AIR, at_tip=True)
     for vent in filling.vents:
         if (vent - middle) @ np.cross(view.right, axis) > 0:
-            axes.plot(*view.flat(vent[None])[0], "o", mfc="none", mec=AIR, ms=9, zorder=5)
+            x, y = view.flat(vent[None])[0]
+            axes.plot(x, y, "o", mfc="none", mec=AIR, ms=9, zorder=5)
     return figure
 
 
@@ -353,18 +357,22 @@ def _name(axes: Axes, view: View, piece: Piece, body: Drawn) -> None:
     )
 
 
-def _arrow(axes: Axes, start: Array, end: Array, text: str, colour: object, at_tip: bool = False) -> None:
+def _arrow(
+    axes: Axes, way: Float[Array, "2 2"], text: str, colour: str | tuple[float, float, float], at_tip: bool
+) -> None:
     """An arrow on paper with a word at its tail, or at its tip."""
+    start, end = ((float(x), float(y)) for x, y in way)
     style = {"arrowstyle": "-|>", "color": colour, "linewidth": 2.6, "mutation_scale": 18}
-    axes.annotate("", xy=tuple(end), xytext=tuple(start), arrowprops=style, zorder=5)
-    place, below = (end, False) if at_tip else (start, end[1] > start[1])
+    axes.annotate("", xy=end, xytext=start, arrowprops=style, zorder=5)
+    x, y = end if at_tip else start
     axes.text(
-        *place,
+        x,
+        y,
         text,
         color=colour,
         fontsize=10,
         ha="center",
-        va="top" if below else "bottom",
+        va="top" if end[1] > start[1] and not at_tip else "bottom",
         zorder=6,
         bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none", "alpha": 0.85},
     )

@@ -68,9 +68,8 @@ def section(mold: Mold) -> Figure:
     near.set(xlim=(place[0] - 1.4 * half, place[0] + 1.4 * half), ylim=(place[1] - half, place[1] + half))
     near.spines[:].set_visible(True)
     near.set_title(f"grooves, {mold.casting.thickness_mm:.1f} mm deep", fontsize=10, color=INK)
-    left.add_patch(
-        Rectangle(place - half * np.array([1.4, 1.0]), 2.8 * half, 2 * half, fill=False, ec=INK, lw=1.0)
-    )
+    corner = (float(place[0] - 1.4 * half), float(place[1] - half))
+    left.add_patch(Rectangle(corner, 2.8 * half, 2 * half, fill=False, ec=INK, lw=1.0))
     low = figure.add_subplot(grid[1, 1])
     fill(low, mold, across)
     low.set_title("across the axis", fontsize=10, color=INK)

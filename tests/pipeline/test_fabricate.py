@@ -1,0 +1,169 @@
+"""``hilbrace fabricate`` as a person runs it: a whole mold from a tiny run, its files and its errors."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from fabrication.slicer import ask_slicer, slicer_program
+from tests.pipeline.small_run import finish, write_small_run
+
+TINY = {
+    "domain": {"triangles": 500, "frames_per_second": 4.0, "above": 0.2, "below": 0.2},
+    "optimize": {"iterations": 2},
+    "pattern": {"min_strut_mm": 4.0, "min_slit_mm": 2.0},
+    "mold": {"printer": "250x210x210"},
+}
+
+FILES = {"mold.3mf", "mold.glb", "fixtures.step", "checks.json", "worksheet.html", "stl", "pictures"}
+
+
+def fabricate(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "hilbrace", "fabricate", *words]
+    return subprocess.run(command, text=True, capture_output=True, timeout=280, check=False)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    folder = write_small_run(tmp_path_factory.mktemp("fabricate") / "run", **TINY)
+    finish(folder, "--until", "solid")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def made(run) -> dict:
+    """The mold of the tiny run, beside what an older one left."""
+    (run / "mold" / "stl").mkdir(parents=True)
+    (run / "mold" / "checks.json").write_text("{}")
+    (run / "mold" / "stl" / "shell_of_yesterday.stl").write_text("old")
+    done = fabricate(str(run), "--json")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.slow
+def test_the_mold_of_a_run_is_proved_and_its_figures_are_metrics(run, made):
+    assert made["passed"]
+    metrics = json.loads((run / "metrics.json").read_text())
+    assert metrics["mold"] == made["metrics"]
+    assert {"solid", "brace"} <= set(metrics)
+    mold = metrics["mold"]
+    assert mold["pieces"] == len(mold["pieces_by_name"]) >= 4
+    assert mold["cavity_volume_error"] < 2e-3
+    assert mold["max_overlap_mm3"] <= 2
+    assert mold["removal_collision_mm3"] < 1e-3
+    assert mold["trapped_maxima"] == 0
+    checks = json.loads((run / "mold" / "checks.json").read_text())
+    assert checks["passed"]
+    assert all(check["passed"] for check in checks["checks"].values())
+    assert all((run / "mold" / name).exists() for name in checks["pictures"].values())
+
+
+@pytest.mark.slow
+def test_the_folder_holds_this_mold_alone(run, made):
+    folder = run / "mold"
+    assert {path.name for path in folder.iterdir()} == FILES
+    names = {path.stem for path in (folder / "stl").iterdir()}
+    assert names == set(made["metrics"]["pieces_by_name"])
+    assert not [path for path in run.iterdir() if path.name.startswith(".mold")]
+    for path in (folder / "stl").iterdir():
+        assert trimesh.load(path).is_watertight
+
+
+@pytest.mark.slow
+@pytest.mark.slicer
+@pytest.mark.skipif(slicer_program() is None, reason="PrusaSlicer is not installed")
+def test_the_slicer_agrees_on_every_piece(run, made):
+    for path in sorted((run / "mold" / "stl").iterdir()):
+        opinion = ask_slicer(path)
+        assert opinion.manifold, path.name
+        assert (opinion.open_edges, opinion.parts) == (0, 1), path.name
+        stated = made["metrics"]["pieces_by_name"][path.stem]
+        assert opinion.volume_mm3 / 1000 == pytest.approx(stated["volume_ml"], rel=1e-3)
+
+
+@pytest.mark.slow
+def test_the_work_sheet_needs_no_other_file(run, made):
+    text = (run / "mold" / "worksheet.html").read_text("utf-8")
+
+    class Page(HTMLParser):
+        addresses: list[str] = []  # noqa: RUF012
+
+        def handle_starttag(self, tag, attrs):
+            self.addresses += [value for name, value in attrs if name in ("src", "href") and value]
+
+    page = Page()
+    page.feed(text)
+    assert len(page.addresses) >= 7
+    assert all(address.startswith("data:image/png;base64,") for address in page.addresses)
+    assert "not a medical device" in text
+    assert "does not cure" in text
+    assert "Shore 30A" in text
+    assert made["mold"] in text
+
+
+@pytest.mark.slow
+def test_a_bed_that_nothing_fits_gets_a_named_error_and_leaves_the_mold(run, made):
+    before = (run / "mold" / "checks.json").read_bytes()
+    done = fabricate(str(run), "--set", "mold.printer=60x60x400")
+    assert done.returncode == 4
+    first, second = done.stderr.strip().splitlines()[-2:]
+    assert first.startswith("GeometryError:")
+    assert second.startswith("  mend: ")
+    assert "Traceback" not in done.stderr
+    assert (run / "mold" / "checks.json").read_bytes() == before
+
+
+def test_help_shows_an_example():
+    done = fabricate("--help")
+    assert done.returncode == 0
+    assert "example: hilbrace fabricate" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (("nowhere.stl",), 2, "no such file"),
+        (("{folder}",), 3, "no such file"),
+        (("nowhere.stl", "--set", "mold.wall=3"), 3, "did you mean 'mold.wall_mm'"),
+        (("nowhere.stl", "--set", "mold.wall_mm"), 3, "write --set mold.key=value"),
+        (("nowhere.stl", "--set", "mold.printer=toaster"), 3, "no printer 'toaster'"),
+    ],
+)
+def test_bad_words_get_named_errors(tmp_path, words, code, says):
+    done = fabricate(*(word.format(folder=tmp_path) for word in words))
+    assert done.returncode == code
+    assert says in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 2
+
+
+def test_a_folder_of_something_else_is_not_overwritten(tmp_path):
+    from fabrication.files import replaced
+    from hilbrace.errors import InputError
+
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "cat.png").write_text("meow")
+    with pytest.raises(InputError, match="holds no mold"), replaced(tmp_path / "photos"):
+        pass
+    assert (tmp_path / "photos" / "cat.png").read_text() == "meow"
+
+
+def test_an_interrupted_mold_leaves_the_old_one(tmp_path):
+    from fabrication.files import replaced
+
+    old = tmp_path / "mold"
+    old.mkdir()
+    (old / "checks.json").write_text("old")
+    with pytest.raises(ZeroDivisionError), replaced(old) as fresh:
+        (fresh / "checks.json").write_text(str(1 / 0))
+    assert (old / "checks.json").read_text() == "old"
+    with replaced(old) as fresh:
+        (fresh / "checks.json").write_text("new")
+    assert (old / "checks.json").read_text() == "new"
+    assert [path.name for path in tmp_path.iterdir()] == ["mold"]

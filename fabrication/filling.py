@@ -45,7 +45,7 @@ PORT_RADIUS_MM = 10.0
 """Room around the port's boss [mm]."""
 
 MOST_SLOPE = 0.6
-"""Cosine between the surface's normal and up from which on a level port would leave the wall too slantwise."""
+"""Cosine between the surface's normal and up from which on a level port leaves the wall too slantwise."""
 
 PORT_CLEARANCE_MM = 2.0
 """Material this much thicker than a shell's wall is a flange [mm]."""

@@ -20,7 +20,7 @@ Array = np.ndarray
 SIZES_MM = (9.0, 7.0, 5.0)
 """Sizes of the letters, the first that finds room [mm]."""
 
-ASIDE = (0.0, 0.12, -0.12, 0.24, -0.24, 0.36, -0.36)
+ASIDE = (0.0, 0.09, -0.09, 0.18, -0.18, 0.27, -0.27, 0.36, -0.36, 0.43, -0.43)
 """Where on a piece room is looked for: parts of its extent away from its middle [-]."""
 
 BEYOND_MM = 10.0
@@ -54,15 +54,17 @@ def _marked(piece: Piece, casting: Casting, up: Float[Array, "3"]) -> Piece:
     if piece.pull is None and casting.flat:
         seen_from = -casting.direction.mean(axis=0)
     seen_from = seen_from / np.linalg.norm(seen_from)
-    heads = _heads(seen_from, up)
+    level = _heads(seen_from, up)
     text = inscription(piece, casting)
-    for size, at in product(SIZES_MM, list(_places(piece.solid, seen_from, heads))):
+    parts = len(piece.solid.decompose())
+    places = list(_places(piece.solid, seen_from, level))
+    for size, heads, at in product(SIZES_MM, (level, np.cross(seen_from, level)), places):
         try:
             tool = label(text, at, seen_from, heads, size, onto=piece.solid)
         except GeometryError:
             continue
         solid = piece.solid - tool
-        if len(solid.decompose()) == 1:
+        if len(solid.decompose()) == parts:
             return replace(piece, solid=solid)
     raise GeometryError(
         f"no room for the mark '{text}' on {piece.name}",

@@ -174,9 +174,9 @@ def _checks_content(result: MoldResult) -> dict[str, Any]:
         },
         "metrics": result.figures(),
         "pictures": {
-            "exploded": "pictures/exploded.png",
-            "section": "pictures/section.png",
-            "undercut": "pictures/undercut.png",
+            "exploded view": "pictures/exploded.png",
+            "section through the cavity": "pictures/section.png",
+            "undercut map": "pictures/undercut.png",
         },
     }
 

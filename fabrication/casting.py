@@ -27,9 +27,9 @@ from hilbrace.run.records import load
 
 Array = np.ndarray
 
-STANDING = 0.7
-"""Cosine of the angle between the axes of both ends up to which the core stands straight on its foot; else,
-as with an ankle, upright is along the upper end [-]."""
+STANDING = 0.55
+"""Cosine of the angle between each end and the way from one to the other above which the core stands straight
+on its foot; else, as with an ankle, upright is along the upper end [-]."""
 _TOUCH_MM = 1e-6
 _SIDES = {"l": "left", "r": "right"}
 
@@ -140,7 +140,8 @@ def casting_of(
     sheet = replace(sheet, vertices=centre + growth * (sheet.vertices - centre), vector=growth * sheet.vector)
     lower, upper = _edges(sheet, domain, centre + growth * (domain.vertices - centre))
     # the sheet lies on the left of its rim: seen from beyond, the rim runs clockwise
-    down, up = axes_of(*(-loop_normal(sheet.vertices[edge[:-1]]) for edge in (lower, upper)))
+    low, high = (sheet.vertices[edge[:-1]] for edge in (lower, upper))
+    down, up = axes_of(-loop_normal(low), -loop_normal(high), high.mean(axis=0) - low.mean(axis=0))
     sheet = prolonged(sheet, lower, down, settings.foot_mm, -1)
     sheet = prolonged(sheet, upper, up, settings.gutter_mm, 1)
     thickness = np.linalg.norm(sheet.vector, axis=1)
@@ -163,12 +164,20 @@ def casting_of(
     )
 
 
-def axes_of(lower: Float[Array, "3"], upper: Float[Array, "3"]) -> tuple[Array, Array]:
-    """Directions in which the core goes on below and above, from the outward normals of both edges.
+def axes_of(
+    lower: Float[Array, "3"], upper: Float[Array, "3"], way: Float[Array, "3"]
+) -> tuple[Array, Array]:
+    """Directions in which the core goes on below and above.
 
-    Where the ends face away from each other both are along one line, in which the core stands.
+    Where both ends face away from each other they are along one line, in which the core stands.
+
+    Args:
+        lower: Unit normal out of the lower edge.
+        upper: Unit normal out of the upper edge.
+        way: From the middle of the lower edge to that of the upper one.
     """
-    if -lower @ upper < STANDING:
+    way = way / np.linalg.norm(way)
+    if min(-lower @ way, upper @ way) < STANDING:
         return lower, upper
     axis = (upper - lower) / np.linalg.norm(upper - lower)
     return -axis, axis

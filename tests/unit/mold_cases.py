@@ -64,7 +64,7 @@ def flat_coupon(
     width_mm: float = 50.0,
     height_mm: float = 70.0,
     thickness_mm: float = 4.0,
-    strut_mm: float = 5.0,
+    strut_mm: float = 5.3,
     edge_mm: float = 2.5,
     margin_mm: float = 10.0,
 ) -> Casting:

@@ -215,7 +215,7 @@ def _area(mold: Mold) -> float:
 
 
 def _wall_checks(mold: Mold, pieces: Sequence[Printable], printer: Printer) -> tuple[Check, ...]:
-    walls = {piece.piece.name: thinnest_wall(piece.piece.solid, REACH_MM) for piece in pieces}
+    walls = {piece.name: _thinnest(piece, mold) for piece in mold.pieces}
     thinnest = min(walls, key=lambda name: walls[name])
     channel = thinnest_wall(mold.casting.brace, REACH_MM)
     overhang = {piece.piece.name: overhang_mm2(piece, printer) for piece in pieces}
@@ -236,6 +236,13 @@ def _wall_checks(mold: Mold, pieces: Sequence[Printable], printer: Printer) -> t
             "", where=max(overhang, key=lambda name: overhang[name]),
         ),
     )  # fmt: skip
+
+
+def _thinnest(piece: Piece, mold: Mold) -> float:
+    """Thinnest wall of a piece, away from the parts that it is glued to [mm]."""
+    whole = piece.name.split("_part")[0]
+    parts = [each.solid for each in mold.pieces if each is not piece and each.name.split("_part")[0] == whole]
+    return thinnest_wall(piece.solid, REACH_MM, glued_to=parts)
 
 
 def overhang_mm2(piece: Printable, printer: Printer) -> float:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import igl
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from manifold3d import Manifold
 
 from fabrication.bodies import mesh_of
@@ -24,10 +27,26 @@ SPECK_MM2, AROUND_MM = 30.0, 8.0
 """Thin places that show less area than this within so many mm are specks: the edge of a mark, a corner."""
 
 
-def thinnest_wall(solid: Manifold, reach_mm: float, rays: int = RAYS) -> float:
-    """Thickness of the thinnest wall that is more than a speck [mm]; the reach where all are thicker."""
+GLUED_MM = 2.0
+"""What lies this close to the part that a piece is glued to is no free wall [mm]."""
+
+
+def thinnest_wall(
+    solid: Manifold, reach_mm: float, rays: int = RAYS, glued_to: Sequence[Manifold] = ()
+) -> float:
+    """Thickness of the thinnest wall that is more than a speck [mm]; the reach where all are thicker.
+
+    Args:
+        solid: The body.
+        reach_mm: Walls thicker than this are left out [mm].
+        rays: How many places are looked at.
+        glued_to: Other parts of the same piece. Where the cut between them runs close to a groove it leaves
+            an edge that tapers to nothing, which the other part holds once they are glued.
+    """
     walls, places = wall_thickness(solid, reach_mm, rays)
     share = solid.surface_area() / rays
+    free = _far_from(places, glued_to)
+    walls, places = walls[free], places[free]
     for index in range(len(walls)):
         near = np.linalg.norm(places[: index + 1] - places[index], axis=1) < AROUND_MM
         if near.sum() * share >= SPECK_MM2:
@@ -67,3 +86,11 @@ def wall_thickness(
                 places.append(start)
     order = np.argsort(found, kind="stable")
     return np.array(found, dtype=float)[order], np.array(places, dtype=float).reshape(-1, 3)[order]
+
+
+def _far_from(places: Array, bodies: Sequence[Manifold]) -> Bool[Array, " place"]:
+    far = np.ones(len(places), bool)
+    for body in bodies if len(places) else ():
+        vertices, triangles = mesh_of(body)
+        far &= np.asarray(igl.point_mesh_squared_distance(places, vertices, triangles)[0]) > GLUED_MM**2
+    return far

@@ -24,7 +24,7 @@ from hilbrace.scan.deviation_report import report_figures, write_report
 from hilbrace.scan.fit_limb import limb_of
 from hilbrace.scan.fit_pose import fit_pose, held_at
 from hilbrace.scan.free_form import FittedSkin, displaced
-from hilbrace.scan.landmarks import PLACES, marks_of, read_landmarks
+from hilbrace.scan.landmarks import PLACES, check_near, marks_of, read_landmarks
 from hilbrace.scan.surface_scan import SurfaceScan, describe_holes, legs_seen, read_scan
 from hilbrace.units import DEG, MESH_TO_M
 
@@ -32,6 +32,7 @@ Array = np.ndarray
 
 EXAMPLE = "hilbrace scan fit leg.ply --leg left --landmarks leg.txt --out leg-fit"
 SIDES = {"left": ("l",), "right": ("r",), "both": ("r", "l")}
+DIRECTIONS = ("x", "y", "z", "minus-x", "minus-y", "minus-z")
 FIRST_POINTS, POINTS = 1500, 1500
 FIRST_STEPS, STEPS = 15, 15
 LEADING = 16
@@ -45,9 +46,13 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "--leg", choices=tuple(SIDES), required=True, help="what the scan shows, in the person's own view"
     )
     command.add_argument("--units", choices=tuple(MESH_TO_M), help="unit of the file (by its size: mm or m)")
-    directions = ("x", "-x", "y", "-y", "z", "-z")
-    command.add_argument("--up", choices=directions, help="axis of the file that points up (found)")
-    command.add_argument("--forward", choices=directions, help="axis that points to the toes (found)")
+    axes = f"{', '.join(DIRECTIONS[:-1])} or {DIRECTIONS[-1]}"
+    command.add_argument(
+        "--up", type=_direction, metavar="AXIS", help=f"of the file, upwards: {axes} (found)"
+    )
+    command.add_argument(
+        "--forward", type=_direction, metavar="AXIS", help="of the file, to the toes (found)"
+    )
     command.add_argument(
         "--landmarks",
         type=Path,
@@ -103,11 +108,12 @@ def fitted(
         InputError: Landmarks, or what the scan shows, do not match the leg asked for.
     """
     limb = limb_of(_model(options.skel), SIDES[options.leg])
-    up, forward = _axis(options.up), _axis(options.forward)
+    up, forward = axis_of(options.up), axis_of(options.forward)
     marks = None
     if options.landmarks is not None:
         places = read_landmarks(options.landmarks)
         marks = marks_of(limb, places, MESH_TO_M[scan.unit], str(options.landmarks))
+        check_near(limb, marks, places, scan, str(options.landmarks))
     if marks is not None and len(marks.places) > 2:
         start = start_from_marks(limb, marks)
     else:
@@ -153,7 +159,16 @@ def _model(skel: Path | None) -> BodyModel:
     return load_anny_lite() if skel is None else load_skel(skel, None)
 
 
-def _axis(name: str | None) -> Float[Array, "3"] | None:
+def _direction(word: str) -> str:
+    """A direction as the command takes it: ``--up minus-z``, or ``--up=-z``, which needs its equals sign."""
+    word = word.lower().replace("minus-", "-").removeprefix("+")
+    if word.replace("-", "minus-") not in DIRECTIONS:
+        raise argparse.ArgumentTypeError(f"'{word}' is none of {', '.join(DIRECTIONS)}")
+    return word
+
+
+def axis_of(name: str | None) -> Float[Array, "3"] | None:
+    """A direction in the scan's axes, by its name; nothing where none was given."""
     if name is None:
         return None
     return np.eye(3)["xyz".index(name[-1])] * (-1.0 if name.startswith("-") else 1.0)

@@ -195,6 +195,7 @@ def _of_mesh(
     vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"], unit: str, where: str
 ) -> SurfaceScan:
     triangles, dropped = _without_islands(vertices, triangles)
+    triangles = outward(vertices, triangles)
     used, flat = np.unique(triangles, return_inverse=True)
     vertices, triangles = vertices[used], np.ascontiguousarray(flat.reshape(-1, 3))
     areas = np.linalg.norm(_area_normals(vertices, triangles), axis=1)
@@ -250,6 +251,31 @@ def _spread(
     a, b, c = (vertices[triangles[own, corner]] for corner in range(3))
     points = a + first[:, None] * (b - a) + second[:, None] * (c - a)
     return points, (cross / twice[:, None])[own]
+
+
+def outward(
+    vertices: Float[Array, "vertex 3"], triangles: Int[Array, "triangle 3"]
+) -> Int[Array, "triangle 3"]:
+    """Triangles facing outward, whichever way the scanner's program wound them.
+
+    The few that look against their neighbours are turned, each patch the way most of its area looks; then
+    all, where the surface seen from its own middle is inside out. That holds for open scans too, as a piece
+    of a limb bulges away from its middle.
+
+    Args:
+        vertices: Vertices [m].
+        triangles: Triangles, wound in any way.
+    """
+    alike, patch = igl.bfs_orient(np.ascontiguousarray(triangles, dtype=np.int64))
+    alike, patch = np.asarray(alike).astype(np.int64), np.asarray(patch)
+    now, before = _area_normals(vertices, alike), _area_normals(vertices, triangles)
+    kept = np.bincount(patch, (now * before).sum(axis=1) / np.maximum(np.linalg.norm(now, axis=1), 1e-18))
+    alike[kept[patch] < 0.0] = alike[kept[patch] < 0.0][:, [0, 2, 1]]
+    normals, corners = _area_normals(vertices, alike), vertices[alike].mean(axis=1)
+    area = np.linalg.norm(normals, axis=1)
+    middle = (corners * area[:, None]).sum(axis=0) / area.sum()
+    inside_out = (normals * (corners - middle)).sum() < 0.0
+    return np.ascontiguousarray(alike[:, [0, 2, 1]] if inside_out else alike)
 
 
 def _area_normals(

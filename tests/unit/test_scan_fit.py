@@ -20,7 +20,7 @@ from hilbrace.run.records import load
 from hilbrace.scan import fit_command
 from hilbrace.scan.deviation import deviation
 from hilbrace.scan.fit_limb import Pose, limb_of, pose_limb, whole_body
-from hilbrace.scan.landmarks import marks_of, read_landmarks
+from hilbrace.scan.landmarks import check_near, marks_of, read_landmarks
 from hilbrace.scan.surface_scan import legs_seen, read_scan
 from tests.unit.scan_people import PEOPLE, landmarks_of, scan_of, truth
 
@@ -228,6 +228,62 @@ def test_landmarks_that_are_none(tmp_path, line, told):
     file.write_text(line + "\n")
     with pytest.raises(InputError, match=told):
         read_landmarks(file)
+
+
+def test_a_file_without_landmarks(tmp_path):
+    file = tmp_path / "marks.txt"
+    file.write_text("# none yet\n")
+    with pytest.raises(InputError, match="no landmark"):
+        read_landmarks(file)
+
+
+def test_landmarks_in_another_unit_than_the_scan_are_told(tmp_path):
+    person = truth(0, 1)
+    file = tmp_path / "marks.txt"
+    places = landmarks_of(person, 0)
+    file.write_text("".join(f"{name} {' '.join(map(str, 1000 * p))}\n" for name, p in places.items()))
+    scan = scan_of(person, 0, foot=True)
+    with pytest.raises(
+        InputError, match=r"landmark '\w+' is \d+ mm away from the scan, which is in m"
+    ) as told:
+        fit_command.fitted(scan, options(tmp_path / "x.ply", landmarks=file))
+    assert "they would lie on it in mm" in told.value.hint
+
+
+@pytest.mark.parametrize(
+    ("spoiled", "told"),
+    [
+        (lambda places: places | {"heel": places["heel"] + [0.0, -0.3, 0.0]}, r"'heel' is \d+ mm away"),
+        # Centimetres beside a scan whose origin lies in the knee: each is near, but they lie too close.
+        (
+            lambda places: {name: place / 10.0 for name, place in places.items()},
+            r"landmarks are \d+ mm apart",
+        ),
+    ],
+)
+def test_landmarks_that_are_not_of_this_scan(spoiled, told):
+    person = truth(0, 1)
+    middle = person.posed.joints["knee_l"]
+    scan = scan_of(person, 0, foot=True)
+    scan = replace(scan, points=scan.points - middle)
+    limb = limb_of(load_anny_lite(), ("l",))
+    places = {name: place - middle for name, place in landmarks_of(person, 0).items()}
+    check_near(limb, marks_of(limb, places, 1.0, "marks.txt"), places, scan, "marks.txt")
+    wrong = spoiled(places)
+    with pytest.raises(InputError, match=told):
+        check_near(limb, marks_of(limb, wrong, 1.0, "marks.txt"), wrong, scan, "marks.txt")
+
+
+@pytest.mark.parametrize(
+    ("word", "axis"), [("y", [0, 1, 0]), ("minus-y", [0, -1, 0]), ("-y", [0, -1, 0]), ("Z", [0, 0, 1])]
+)
+def test_directions_as_a_person_writes_them(word, axis):
+    parser = argparse.ArgumentParser()
+    fit_command.add_options(parser)
+    given = parser.parse_args(["leg.ply", "--leg", "left", f"--up={word}"])
+    np.testing.assert_array_equal(fit_command.axis_of(given.up), axis)
+    with pytest.raises(SystemExit):
+        parser.parse_args(["leg.ply", "--leg", "left", "--up", "upwards"])
 
 
 def test_unknown_landmarks_are_named(tmp_path):

@@ -32,6 +32,20 @@ def test_millimetres_and_metres_are_told_by_size(tmp_path, scale, unit):
     assert ((scan.normals[:, :2] * scan.points[:, :2]).sum(axis=1) > 0.05).all()
 
 
+@pytest.mark.parametrize("wound", ["inwards", "some", "most"])
+def test_meshes_wound_in_any_way_face_outward(tmp_path, wound):
+    mesh = tube()
+    faces = np.array(mesh.faces)
+    share = {"inwards": 1.0, "some": 0.1, "most": 0.9}[wound]
+    turned = np.random.default_rng(0).random(len(faces)) < share
+    faces[turned] = faces[turned][:, ::-1]
+    front = mesh.vertices[faces].mean(axis=1)[:, 0] > 0.0  # A single view: half a tube.
+    trimesh.Trimesh(mesh.vertices, faces[front], process=False).export(tmp_path / "leg.ply")
+    scan = read_scan(tmp_path / "leg.ply")
+    assert scan.oriented
+    assert ((scan.normals[:, :2] * scan.points[:, :2]).sum(axis=1) > 0.05).all()
+
+
 def test_inches_must_be_named(tmp_path):
     mesh = tube()
     mesh.apply_scale(1 / 25.4)

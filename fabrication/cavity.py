@@ -29,6 +29,9 @@ COARSE_MM = 0.1
 RAYS = 4000
 """Places at which the depth of the cavity is measured."""
 
+CRUMB_MM3 = 0.1
+"""Smaller bodies are left by rounding [mm^3]."""
+
 TOUCH_MM = 0.2
 """Bodies this close are one cavity [mm]."""
 
@@ -94,9 +97,10 @@ def room_of(casting: Casting) -> Manifold:
 
 
 def _parts(mold: Mold) -> int:
-    """Bodies that brace, gutter and port make, when what touches counts as one."""
+    """Bodies that brace and gutter make, when what touches counts as one; crumbs of rounding left out."""
     down = -TOUCH_MM * mold.core.axis
-    return len((mold.casting.brace + mold.core.gutter.translate(tuple(down))).decompose())
+    bodies = (mold.casting.brace + mold.core.gutter.translate(tuple(down))).decompose()
+    return sum(body.volume() > CRUMB_MM3 for body in bodies)
 
 
 def _depth_error(mold: Mold) -> float:

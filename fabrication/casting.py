@@ -23,6 +23,7 @@ from hilbrace.errors import GeometryError, InputError
 from hilbrace.pattern.fields import places_on
 from hilbrace.pattern.offset import Offset, safe_offset
 from hilbrace.pattern.pattern import Pattern, Solid
+from hilbrace.pattern.thicken import border_edges
 from hilbrace.run.records import load
 
 Array = np.ndarray
@@ -231,21 +232,20 @@ def _skin(domain: Domain, pattern: Pattern, offset: Offset, limb: Limb) -> Sheet
     loops = np.concatenate(domain.window_loops)
     number = len(points) - known + np.arange(len(limb.vertices))
     number[loops] = _on_rim(sheet, rim, domain.vertices[loops])
-    return sheet.joined(limb.vertices[known:], limb.vector[known:], _divided(caps, number, known, rim))
+    return sheet.joined(limb.vertices[known:], limb.vector[known:], _divided(caps, number, rim))
 
 
-def _divided(
-    caps: Int[Array, "cap 3"], number: Int[Array, " vertex"], known: int, rim: Rim
-) -> Int[Array, "triangle 3"]:
+def _divided(caps: Int[Array, "cap 3"], number: Int[Array, " vertex"], rim: Rim) -> Int[Array, "triangle 3"]:
     """Caps whose edges on the rim are divided as finely as the rim is.
 
     Args:
         caps: Triangles of a coarse mesh, none with two edges on its border.
         number: What its vertices are called in the fine one.
-        known: Vertices below this number lie on the border.
         rim: Border of the fine mesh.
     """
-    border = (caps < known) & (np.roll(caps, -1, axis=1) < known)
+    count = len(number)
+    code = caps * count + np.roll(caps, -1, axis=1)
+    border = np.isin(code, border_edges(caps) @ [count, 1])
     pieces = [number[caps[~border.any(axis=1)]]]
     for row, side in zip(*np.nonzero(border), strict=True):
         head, tail, tip = (int(number[caps[row, (side + k) % 3]]) for k in range(3))

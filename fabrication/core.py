@@ -16,6 +16,7 @@ from scipy.spatial import KDTree
 
 from fabrication.bodies import body_of, mesh_of
 from fabrication.draft import Levels, drafted, wall_edges
+from fabrication.foreign_brace import Mesh, check_apart
 from fabrication.mold import Casting, Core
 from fabrication.sheet import loop_normal, rim_of
 from hilbrace.config import MoldSettings
@@ -51,11 +52,12 @@ def build_core(casting: Casting, settings: MoldSettings) -> Core:
         settings: Draft of the groove walls.
 
     Raises:
-        GeometryError: The core is no single closed body.
+        GeometryError: The core is no single closed body, or the limb prolonged at its ends runs into itself.
     """
     lower, upper = edge_line(casting, -1), edge_line(casting, 1)
     floor = casting.vertices - _sunk(casting, upper)[:, None] * casting.direction
     land = _closed(casting, casting.outer, casting.triangles, "core without grooves").simplify(EQUAL_MM)
+    check_apart(Mesh(*mesh_of(land)), "mold core", "limb in the mold")
     gutter = _gutter(casting, floor, 0.0)
     if casting.covered is None:
         solid = land - _opened(casting) - _gutter(casting, floor, LIFT_MM)

@@ -276,10 +276,15 @@ def _compact(points: Array, triangles: Array) -> tuple[Array, Array]:
     return points[used], numbers.reshape(-1, 3)
 
 
-def check_apart(mesh: Mesh, where: str) -> None:
+def check_apart(mesh: Mesh, where: str, what: str = "brace") -> None:
     """Refuse a surface that runs through itself or touches itself.
 
     Just inside each face the winding number of a sound surface is 1, just outside it is 0.
+
+    Args:
+        mesh: The surface [mm].
+        where: What shows it.
+        what: What the surface is called.
 
     Raises:
         GeometryError: Some face has more of the brace in front of it, or lies inside of it.
@@ -296,7 +301,7 @@ def check_apart(mesh: Mesh, where: str) -> None:
     wrong = np.abs(found.reshape(2, -1) - [[1.0], [0.0]]).max(axis=0) > 0.5
     if wrong.any():
         raise GeometryError(
-            f"the brace touches itself or runs through itself, near {_place(middle[wrong][0])}",
+            f"the {what} touches itself or runs through itself, near {_place(middle[wrong][0])}",
             where=where,
             hint="unite its parts in a mesh editor, or move them apart by more than the thinnest wall",
         )

@@ -31,8 +31,7 @@ def strut_width_histogram(pattern: Pattern, min_strut_mm: float) -> Figure:
     axes = figure.add_subplot()
     axes.hist(
         [np.minimum(width[firm], top), np.minimum(width[~firm], top)],
-        bins=_BINS,
-        range=(0.8 * min_strut_mm, top),
+        bins=[0.8 * min_strut_mm, *np.linspace(min_strut_mm, top, _BINS)],
         weights=[100 * area[firm] / area.sum(), 100 * area[~firm] / area.sum()],
         stacked=True,
         color=[_FIRM, _SOFT],

@@ -41,6 +41,38 @@ PAINTED = frozenset(
 )
 """Pictures made of many triangles: PNG alone. The others are drawings: SVG as well."""
 
+LOSSES_CAPTION = {
+    "stiffness": "Losses over the iterations. L1 is 1 for a brace like the uniform one and falls as it frees "
+    "the joint; L2 and L3 are in units of their start, L4 and L5 in those of a 5 % error.",
+    "paper": "Losses over the iterations: L1 to L3 in units of their start, L4 and L5 in those of a 5 % "
+    "error.",
+}
+"""What the losses are measured by, for each coupling."""
+
+FIGURES = (
+    ("motion", "frames", "frames of the motion", ""),
+    ("motion", "rate_hz", "at", "Hz"),
+    ("motion", "markers", "markers", ""),
+    ("biomech", "coordinates", "coordinates of the skeleton", ""),
+    ("biomech", "muscles", "muscles", ""),
+    ("biomech", "marker_rms_mm", "marker error of the inverse kinematics, RMS", "mm"),
+    ("biomech", "pelvis_residual_rms_n", "residual force at the pelvis, RMS", "N"),
+    ("body", "height_m", "height of the body model", "m"),
+    ("domain", "triangles", "triangles of the brace's surface", ""),
+    ("domain", "quasi_conformal_mean", "mean quasi-conformal ratio of its flat map (1 keeps angles)", ""),
+    ("optimize", "iterations", "iterations of the optimizer", ""),
+    ("optimize", "seconds_per_iteration", "each took", "s"),
+    ("brace", "volume_fraction", "volume over that of a solid sleeve, as optimized", ""),
+    ("pattern", "area_fraction", "area of the struts over that of a solid sleeve", ""),
+    ("solid", "volume_ml", "volume of the solid", "ml"),
+    ("solid", "volume_error", "off area x fraction x thickness, relative", ""),
+    ("solid", "triangles", "triangles of the solid", ""),
+    ("solid", "genus", "handles of the solid (genus)", ""),
+    ("solid", "manifold_status", "manifold check of the solid", ""),
+    ("solid", "thickness_p01_mm", "thickness that 99 % of the solid exceed", "mm"),
+)
+"""Group and key in `metrics.json`, what they are called on the page, and their unit."""
+
 
 def build_report(
     folder: Path, config: Config, records: dict[str, Any], metrics: dict[str, dict[str, Any]]
@@ -155,6 +187,7 @@ def _page(
         summary=summary(config, design, metrics, why),
         why=why,
         mold=mold,
+        losses_caption=LOSSES_CAPTION[config.optimize.coupling],
         film="film" in inline,
         preset=preset_sentence(config),
         open_points=OPEN if config.preset == "paper" else (),
@@ -210,19 +243,27 @@ def _cards(metrics: dict[str, dict[str, Any]]) -> list[dict[str, str]]:
     ]
 
 
-def _stiffness_rows(brace: dict[str, Any], joint: str) -> list[tuple[str, str, str]]:
-    rows = []
-    for plane in ("frontal", "sagittal", "axial"):
-        own, plain = brace[f"stiffness_{plane}_nm_per_deg"], brace[f"stiffness_{plane}_uniform_nm_per_deg"]
-        rows.append((f"{plane}, neutral pose [N*m/deg]", f"{own:.4f}", f"{plain:.4f}"))
-    bend = ANGLES[joint][0]
+def _stiffness_rows(brace: dict[str, Any], joint: str) -> list[tuple[str, str, str, str]]:
+    """Stiffness of both braces and their ratio, joint straight and bent."""
+
+    def row(label: str, own: float, plain: float) -> tuple[str, str, str, str]:
+        return f"{label} [N*m/deg]", f"{own:.4f}", f"{plain:.4f}", f"{own / plain:.2f}"
+
+    rows = [
+        row(
+            f"{plane}, neutral pose",
+            brace[f"stiffness_{plane}_nm_per_deg"],
+            brace[f"stiffness_{plane}_uniform_nm_per_deg"],
+        )
+        for plane in ("frontal", "sagittal", "axial")
+    ]
     for posture in brace["postures"]:
         if posture["flexion_deg"] == 0.0:
             continue
-        own, plain = posture["frontal_nm_per_deg"], posture["frontal_uniform_nm_per_deg"]
-        rows.append(
-            (f"frontal, {posture['flexion_deg']:.0f} deg {bend} [N*m/deg]", f"{own:.4f}", f"{plain:.4f}")
-        )
+        where = f"{posture['flexion_deg']:.0f} deg {ANGLES[joint][0]}"
+        for plane in ("frontal", "sagittal"):
+            own, plain = posture[f"{plane}_nm_per_deg"], posture[f"{plane}_uniform_nm_per_deg"]
+            rows.append(row(f"{plane}, {where}", own, plain))
     return rows
 
 
@@ -240,15 +281,13 @@ def _prediction_rows(brace: dict[str, Any]) -> list[tuple[str, ...]]:
 
 
 def _figure_rows(metrics: dict[str, dict[str, Any]]) -> list[tuple[str, str]]:
-    wanted = (
-        ("motion", "frames"), ("motion", "rate_hz"), ("motion", "markers"), ("biomech", "coordinates"),
-        ("biomech", "muscles"), ("biomech", "marker_rms_mm"), ("biomech", "pelvis_residual_rms_n"),
-        ("body", "height_m"), ("domain", "triangles"), ("domain", "quasi_conformal_mean"),
-        ("optimize", "iterations"), ("optimize", "seconds_per_iteration"), ("brace", "volume_fraction"),
-        ("pattern", "area_fraction"), ("solid", "volume_ml"), ("solid", "volume_error"),
-        ("solid", "triangles"), ("solid", "genus"), ("solid", "manifold_status"),
-        ("solid", "thickness_p01_mm"),
-    )  # fmt: skip
+    """What `metrics.json` says, in words; the few figures that say how well each stage went."""
     return [
-        (f"{group}.{key}", str(metrics[group][key])) for group, key in wanted if key in metrics.get(group, {})
+        (label, _rounded(metrics[group][key]) + (f" {unit}" if unit else ""))
+        for group, key, label, unit in FIGURES
+        if key in metrics.get(group, {})
     ]
+
+
+def _rounded(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

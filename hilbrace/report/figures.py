@@ -39,6 +39,35 @@ SERIES = ("#2a6f97", "#c8553d", "#588157", "#8a6fae", "#b08900", INK)
 UNIFORM = "#9aa5ad"
 FIELD = "viridis"
 
+ROUND = -0.3
+"""How far pictures of the solid go round the limb's outline, so that struts across it stay whole [-]."""
+
+MUSCLES = {
+    "bflh": "biceps femoris, long head",
+    "bfsh": "biceps femoris, short head",
+    "edl": "extensor digitorum longus",
+    "ehl": "extensor hallucis longus",
+    "fdl": "flexor digitorum longus",
+    "fhl": "flexor hallucis longus",
+    "gaslat": "gastrocnemius lateralis",
+    "gasmed": "gastrocnemius medialis",
+    "grac": "gracilis",
+    "perbrev": "peroneus brevis",
+    "perlong": "peroneus longus",
+    "recfem": "rectus femoris",
+    "sart": "sartorius",
+    "semimem": "semimembranosus",
+    "semiten": "semitendinosus",
+    "soleus": "soleus",
+    "tfl": "tensor fasciae latae",
+    "tibant": "tibialis anterior",
+    "tibpost": "tibialis posterior",
+    "vasint": "vastus intermedius",
+    "vaslat": "vastus lateralis",
+    "vasmed": "vastus medialis",
+}
+"""Muscles across knee and ankle by their names in the built-in model."""
+
 
 def key_frames(trial: Trial, body: Body, loads: JointLoads, joint: str) -> Figure:
     """The body at the motion's key frames, with the ground's force on each foot."""
@@ -107,7 +136,7 @@ def acting_force(loads: JointLoads, joint: str) -> Figure:
     for column, name in enumerate(("anterior", "proximal", "to the right")):
         axes.plot(loads.time, force[:, column], color=SERIES[column], label=name)
     axes.plot(loads.time, np.linalg.norm(force, axis=1), color=INK, linewidth=2.0, label="magnitude")
-    axes.legend(frameon=False, ncols=2)
+    axes.legend(frameon=False, fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return figure
 
 
@@ -119,7 +148,7 @@ def contact_force(loads: JointLoads, joint: str) -> Figure:
     figure = Figure(figsize=(8.6, 3.2), layout="constrained")
     index, weight = loads.joints.index(joint), loads.body_mass_kg * GRAVITY
     left, right = (figure.add_subplot(1, 2, place + 1) for place in (0, 1))
-    for axes, label in ((left, "contact force [BW]"), (right, "muscle force across the joint [BW]")):
+    for axes, label in ((left, "contact force [BW]"), (right, "muscle force [BW]")):
         axes.set(xlabel="time [s]", ylabel=label)
         _quiet(axes)
     force = loads.contact_force[:, index]
@@ -136,7 +165,7 @@ def contact_force(loads: JointLoads, joint: str) -> Figure:
     left.legend(frameon=False, fontsize=8)
     for column, (name, tension) in enumerate(_strongest(loads, index, count=6)):
         right.plot(loads.time, tension / weight, color=SERIES[column % len(SERIES)], label=name)
-    right.legend(frameon=False, fontsize=8, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    right.legend(frameon=False, fontsize=8, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return figure
 
 
@@ -145,7 +174,12 @@ def _strongest(loads: JointLoads, joint: int, count: int) -> list[tuple[str, Flo
     across = np.abs(loads.muscle_pull[:, joint]).max(axis=(0, 2), initial=0.0) > 0.0
     peaks = np.where(across, loads.muscle_force.max(axis=0, initial=0.0), -1.0)
     order = [k for k in np.argsort(-peaks, kind="stable")[:count] if peaks[k] >= 0.0]
-    return [(loads.muscle_names[k], loads.muscle_force[:, k]) for k in order]
+    return [(_in_words(loads.muscle_names[k]), loads.muscle_force[:, k]) for k in order]
+
+
+def _in_words(muscle: str) -> str:
+    """The anatomical name of a muscle of the built-in model; others keep their own."""
+    return MUSCLES.get(muscle.removesuffix("_l").removesuffix("_r"), muscle)
 
 
 def field_on_leg(domain: Domain, design: Design) -> Figure:
@@ -181,7 +215,7 @@ def flat_map(domain: Domain, design: Design) -> Figure:
 
 def losses(design: Design) -> Figure:
     """Normalised losses over the iterations."""
-    figure, axes = _plot("loss, in units of its start", xlabel="iteration")
+    figure, axes = _plot("loss, normalised [-]", xlabel="iteration")
     labels = ("L1 joint stability", "L2 elastic energy", "L3 compliance", "L4 volume", "L5 seam", "total")
     for column, label in enumerate(labels):
         width = 2.2 if label == "total" else 1.2
@@ -198,13 +232,10 @@ def stiffness(design: Design, joint: str) -> Figure:
     planes = ((1, "what it gives: frontal stiffness"), (0, "what it costs: sagittal stiffness"))
     for place, (column, name) in enumerate(planes):
         axes = figure.add_subplot(1, 2, place + 1)
-        own, plain = (
-            1000 * design.stiffness_posed[:, column],
-            1000 * design.stiffness_posed_uniform[:, column],
-        )
+        own, plain = design.stiffness_posed[:, column], design.stiffness_posed_uniform[:, column]
         axes.plot(flexion, plain, "o--", color=UNIFORM, label="uniform, same volume")
         axes.plot(flexion, own, "o-", color=SERIES[place], label="optimized")
-        axes.set(xlabel=f"{kind} {ANGLES[kind][0]} [deg]", ylabel="stiffness [N*mm/deg]")
+        axes.set(xlabel=f"{kind} {ANGLES[kind][0]} [deg]", ylabel="stiffness [N*m/deg]")
         axes.set_title(name, fontsize=10, color=INK)
         axes.set_ylim(bottom=0)
         axes.legend(frameon=False)
@@ -240,7 +271,7 @@ def predicted_change(domain: Domain, design: Design) -> Figure:
 
 
 def solid(brace: Solid, domain: Domain) -> Figure:
-    """The solid from four sides, the far half left out so that the pattern can be seen."""
+    """The solid from four sides, the far side left out so that the pattern can be seen."""
     outward = _outward(brace, domain)
     return _four_sides(brace.vertices, brace.triangles, BRACE, domain.joint, outward)
 
@@ -276,10 +307,10 @@ def _outward(brace: Solid, domain: Domain) -> Float[Array, "triangle 3"]:
 
 
 def _near_side(
-    outward: Float[Array, "triangle 3"], towards: tuple[float, float, float]
+    outward: Float[Array, "triangle 3"], towards: tuple[float, float, float], least: float = 0.0
 ) -> Bool[Array, " triangle"]:
-    """Triangles on the camera's side of the limb, which hides the others."""
-    return outward @ screen_axes(towards)[2] > 0.0
+    """Triangles on the camera's side of the limb, which hides the others; below zero a little round it."""
+    return outward @ screen_axes(towards)[2] > least
 
 
 def _four_sides(
@@ -295,7 +326,7 @@ def _four_sides(
     views = (("front", FRONT), ("lateral", outer), ("back", BACK), ("medial", inner))
     for place, (name, towards) in enumerate(views):
         axes = figure.add_subplot(1, 4, place + 1)
-        near = np.ones(len(triangles), bool) if outward is None else _near_side(outward, towards)
+        near = np.ones(len(triangles), bool) if outward is None else _near_side(outward, towards, ROUND)
         tones = colours[near] if isinstance(colours, np.ndarray) else colours
         paint(axes, vertices, triangles[near], tones, towards)
         axes.set_title(name, fontsize=9, color=INK)

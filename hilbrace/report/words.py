@@ -21,7 +21,7 @@ def summary(
     """
     return [
         ("For whom, from what", _whom(config, metrics)),
-        ("What it gives", _gives(metrics["brace"])),
+        ("What it gives", what_it_gives(config, metrics["brace"])),
         ("What it costs", _costs(design, metrics["brace"], config.domain.joint)),
         ("Beside the joint itself", _beside(config, metrics["brace"])),
         ("Where it is firm, and why", why[0]),
@@ -34,6 +34,30 @@ def preset_sentence(config: Config) -> str:
     if not left:
         return f"Preset '{config.preset}', in everything that it sets."
     return f"Preset '{config.preset}', but for {', '.join(left)}."
+
+
+def what_it_gives(config: Config, brace: dict[str, Any]) -> str:
+    """Frontal stiffness, straight and bent, beside the uniform brace's, and how far that was asked for.
+
+    Args:
+        config: The run's configuration.
+        brace: The group ``brace`` of the metrics.
+    """
+    own, plain = brace["stiffness_frontal_nm_per_deg"], brace["stiffness_frontal_uniform_nm_per_deg"]
+    text = (
+        f"With the joint straight it resists bending sideways with {own:.4f} N*m per degree, "
+        f"{times(own / plain)} what a uniform brace of the same volume of rubber does"
+    )
+    bent = [posture for posture in brace["postures"] if posture["flexion_deg"] > 20.0]
+    if not bent:
+        return text + "."
+    shares = [each["frontal_nm_per_deg"] / each["frontal_uniform_nm_per_deg"] for each in bent]
+    parts = [f"{times(share)} at {each['flexion_deg']:.0f}" for share, each in zip(shares, bent, strict=True)]
+    text = f"{text}; {listed(parts)} degrees of {ANGLES[config.domain.joint][0]}."
+    until, share = config.optimize.support_until_deg, config.optimize.support_beyond
+    if bent[-1]["flexion_deg"] <= until or config.optimize.coupling != "stiffness":
+        return text
+    return f"{text} Past {until:g} degrees only {share:g} times was asked for, which leaves it freer to bend."
 
 
 def times(factor: float) -> str:
@@ -59,20 +83,6 @@ def _whom(config: Config, metrics: dict[str, dict[str, Any]]) -> str:
         f"{motion['rate_hz']:g} Hz, in which the {joint} reaches {abs(bend):.0f} degrees of {bent} and a net "
         f"force of up to {biomech['acting_force_peak_bw']:.2f} body weights acts across it."
     )
-
-
-def _gives(brace: dict[str, Any]) -> str:
-    own, plain = brace["stiffness_frontal_nm_per_deg"], brace["stiffness_frontal_uniform_nm_per_deg"]
-    text = (
-        f"With the joint straight it resists bending sideways with {own:.4f} N*m per degree, "
-        f"{times(own / plain)} what a uniform brace of the same volume of rubber does"
-    )
-    bent = [posture for posture in brace["postures"] if posture["flexion_deg"] > 20.0]
-    if not bent:
-        return text + "."
-    shares = [each["frontal_nm_per_deg"] / each["frontal_uniform_nm_per_deg"] for each in bent]
-    parts = [f"{times(share)} at {each['flexion_deg']:.0f}" for share, each in zip(shares, bent, strict=True)]
-    return f"{text}; {listed(parts)} degrees of flexion."
 
 
 def _costs(design: Design, brace: dict[str, Any], joint: str) -> str:

@@ -13,7 +13,7 @@ from hilbrace.config import PatternSettings, parse_config
 from hilbrace.errors import InputError
 from hilbrace.report.mold import mold_section
 from hilbrace.report.reasons import Zones, pull_picture, reasons
-from hilbrace.report.words import listed, preset_sentence, times
+from hilbrace.report.words import listed, preset_sentence, times, what_it_gives
 from tests.unit.knee_tube import knee_domain, knee_loads
 from tests.unit.sleeve import sleeve_design
 
@@ -66,6 +66,19 @@ def test_presets_are_named_with_what_departs_from_them():
     assert preset_sentence(parse_config({}, "test")) == "Preset 'default', in everything that it sets."
     changed = parse_config({"preset": "paper", "optimize": {"sigma": 6.0}}, "test")
     assert "'paper', but for optimize.sigma = 6.0 (preset: 4.0)" in preset_sentence(changed)
+
+
+def test_less_support_past_the_flexion_it_is_asked_for_up_to_is_said():
+    brace = {"stiffness_frontal_nm_per_deg": 0.006, "stiffness_frontal_uniform_nm_per_deg": 0.0064}
+    postures = [
+        {"flexion_deg": flexion, "frontal_nm_per_deg": own, "frontal_uniform_nm_per_deg": 0.004}
+        for flexion, own in ((0.0, 0.004), (60.0, 0.004), (90.0, 0.003))
+    ]
+    told = what_it_gives(parse_config({}, "test"), brace | {"postures": postures})
+    assert "1.00 times at 60 and 0.75 times at 90 degrees of flexion." in told
+    assert told.endswith("Past 75 degrees only 0.7 times was asked for, which leaves it freer to bend.")
+    shallow = what_it_gives(parse_config({}, "test"), brace | {"postures": postures[:2]})
+    assert "Past" not in shallow
 
 
 def test_small_words():

@@ -50,7 +50,10 @@ def finish(folder: Path, *words: str) -> str:
         AssertionError: The run failed.
     """
     process = start(folder, *words)
-    _, messages = process.communicate(timeout=280)
+    try:
+        _, messages = process.communicate(timeout=600)
+    finally:
+        process.kill()
     assert process.returncode == 0, messages
     return messages
 

@@ -10,11 +10,20 @@ from pathlib import Path
 
 import pytest
 
-from tests.pipeline.small_run import digests, finish, start, write_small_run
+from tests.pipeline import small_run
+from tests.pipeline.small_run import digests, finish, start
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]
 
 KILLS = 6
+
+COARSE: dict[str, object] = {"min_strut_mm": 2.5, "resolution_mm": 1.35}
+"""A third of the triangles, since every run here is made many times."""
+
+
+def write_small_run(folder: Path, **changes: dict[str, object]) -> Path:
+    """The small run, with a coarse pattern."""
+    return small_run.write_small_run(folder, pattern=COARSE, **changes)
 
 
 @pytest.fixture(scope="module")
@@ -110,9 +119,9 @@ def test_killed_while_optimizing_the_checkpoint_is_used(undisturbed: tuple[Path,
     reference, _ = undisturbed
     folder = write_small_run(tmp_path / "checkpoint")
     finish(folder, "--until", "domain")
+    checkpoint = folder / "optimize" / "checkpoint.npz"
     for _ in range(5):
         process = start(folder)
-        checkpoint = folder / "optimize" / "checkpoint.npz"
         before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
         while process.poll() is None and not (checkpoint.exists() and checkpoint.stat().st_mtime_ns > before):
             time.sleep(0.005)

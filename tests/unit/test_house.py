@@ -28,7 +28,7 @@ LOAD_OPENSIM = {f"hilbrace.biomech.opensim_{name}" for name in ("worker", "model
 
 LONGEST_FILE, LONGEST_FUNCTION = 400, 80
 
-SHAPED = {"Float", "Int", "Integer", "Bool", "Shaped", "Num", "Complex", "UInt8"}
+SHAPED = {"Float", "Int", "Integer", "Bool", "Shaped", "Num", "Complex", "UInt8", "Float32"}
 """Names of jaxtyping that give an array its shape."""
 
 BARE = {"Array", "ndarray", "Tensor", "NDArray", "ArrayLike"}

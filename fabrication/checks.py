@@ -89,16 +89,17 @@ def check_mold(mold: Mold, pieces: Sequence[Printable], printer: Printer) -> dic
         Every figure by its name, in the order in which they matter.
     """
     found = (
-        *_piece_checks(pieces, printer),
-        *_cavity_checks(mold),
-        *_closing_checks(mold),
-        *_opening_checks(mold),
-        *_wall_checks(mold, pieces, printer),
+        *piece_checks(pieces, printer),
+        *cavity_checks(mold),
+        *closing_checks(mold),
+        *opening_checks(mold),
+        *wall_checks(mold, pieces, printer),
     )
     return {check.name: check for check in found}
 
 
-def _piece_checks(pieces: Sequence[Printable], printer: Printer) -> tuple[Check, ...]:
+def piece_checks(pieces: Sequence[Printable], printer: Printer) -> tuple[Check, ...]:
+    """Each piece by itself: one part, watertight, fits the bed."""
     broken = [piece for piece in pieces if piece.parts != 1 or piece.voids]
     leaky = [piece for piece in pieces if piece.open_edges]
     large = [piece for piece in pieces if not fits(piece, printer)]
@@ -131,7 +132,8 @@ def fits(piece: Printable, printer: Printer) -> bool:
     return footprint[0] <= bed[0] and footprint[1] <= bed[1] and height <= printer.usable_mm[2]
 
 
-def _cavity_checks(mold: Mold) -> tuple[Check, ...]:
+def cavity_checks(mold: Mold) -> tuple[Check, ...]:
+    """The cavity: its volume, its depth, that it hangs together, and that no air stays in it."""
     cavity = measure_cavity(mold)
     trapped = trapped_maxima(mold.casting.brace, mold.core, mold.filling.up)
     vents = mold.filling.vents
@@ -164,7 +166,8 @@ def _cavity_checks(mold: Mold) -> tuple[Check, ...]:
     )  # fmt: skip
 
 
-def _closing_checks(mold: Mold) -> tuple[Check, ...]:
+def closing_checks(mold: Mold) -> tuple[Check, ...]:
+    """The closed mold: no two pieces share room."""
     with_core, between = [0.0], [0.0]
     for first, second in combinations(mold.pieces, 2):
         shared = (first.solid ^ second.solid).volume()
@@ -183,7 +186,8 @@ def _closing_checks(mold: Mold) -> tuple[Check, ...]:
     )  # fmt: skip
 
 
-def _opening_checks(mold: Mold) -> tuple[Check, ...]:
+def opening_checks(mold: Mold) -> tuple[Check, ...]:
+    """The way apart: every piece comes off, and how much of the shells had to be relieved."""
     worst = {piece.name: _collision(piece, mold) for piece in mold.pieces if piece.pull is not None}
     return (
         Check(
@@ -214,7 +218,8 @@ def _area(mold: Mold) -> float:
     return 0.5 * float(np.linalg.norm(normals, axis=1).sum())
 
 
-def _wall_checks(mold: Mold, pieces: Sequence[Printable], printer: Printer) -> tuple[Check, ...]:
+def wall_checks(mold: Mold, pieces: Sequence[Printable], printer: Printer) -> tuple[Check, ...]:
+    """What a printer and silicone ask of thickness: walls, channels, overhangs."""
     walls = {piece.name: _thinnest(piece, mold) for piece in mold.pieces}
     thinnest = min(walls, key=lambda name: walls[name])
     channel = thinnest_wall(mold.casting.brace, REACH_MM)

@@ -12,6 +12,9 @@ Array = np.ndarray
 PULLED = 0.45
 """Way of a shell along its pull, in widths of the mold."""
 
+FLAT = 1.0
+"""The same of the lid of a flat casting, which would hide it."""
+
 SPREAD = 0.25
 """Way apart along the mold's axis, in distances from its middle."""
 
@@ -30,7 +33,7 @@ def exploded(mold: Mold) -> dict[str, Float[Array, "3"]]:
     width = float(np.sort(size)[1])
     return {
         piece.name: SPREAD * float((boxes[piece.name].mean(axis=0) - middle) @ axis) * axis
-        + PULLED * width * _way(piece, axis)
+        + (FLAT if mold.casting.flat else PULLED) * width * _way(piece, axis)
         for piece in mold.pieces
     }
 

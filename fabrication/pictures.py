@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 
 from fabrication.bodies import mesh_of
 from fabrication.exploded import exploded
+from fabrication.fixtures.stand import STANDING
 from fabrication.mold import Mold, Piece
 from fabrication.render import Drawn, View, draw, view_from
 from fabrication.section import section
@@ -109,7 +110,7 @@ def oblique(mold: Mold) -> View:
     pulls = [piece.pull for piece in mold.pieces if piece.pull is not None]
     across = np.cross(pulls[0], axis) if pulls else np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     if mold.casting.flat:
-        across = pulls[0] + 0.6 * across
+        across = 0.55 * pulls[0] + 0.8 * across
     elif across[0] < 0:
         across = -across
     across /= np.linalg.norm(across)
@@ -118,14 +119,21 @@ def oblique(mold: Mold) -> View:
 
 
 def exploded_view(scene: Scene) -> Figure:
-    """All pieces drawn apart, with their names."""
+    """All pieces drawn apart and numbered, with their names below."""
     ways = exploded(scene.mold)
     parts = {name: moved(body, ways[name]) for name, body in scene.bodies.items()}
-    figure, axes = canvas(scene.view, parts.values(), margin=(0.04, 0.06))
+    figure, axes = canvas(scene.view, parts.values(), margin=(0.03, 0.02), below=0.09)
     paint(axes, scene.view, parts.values())
-    for piece in scene.mold.pieces:
-        if piece.kind != "fixture":
-            _name(axes, scene.view, piece, parts[piece.name])
+    names = []
+    for number, piece in enumerate(scene.mold.pieces, 1):
+        _number(axes, scene.view.flat(parts[piece.name].vertices), str(number))
+        names.append(f"{number}  {piece.title}")
+    columns = 2 if len(names) > 4 else 1
+    rows = -(-len(names) // columns)
+    for column in range(columns):
+        text = "\n".join(names[column * rows : (column + 1) * rows])
+        place = (0.06 + 0.5 * column, 0.015)
+        axes.text(*place, text, transform=axes.transAxes, fontsize=8.5, color=INK, va="bottom")
     return figure
 
 
@@ -211,9 +219,15 @@ def _shell_title(pieces: list[Piece]) -> str:
     return pieces[0].title.split(", part")[0].lower()
 
 
+def cradled(mold: Mold) -> bool:
+    """Whether the closed mold lies in a cradle; else its core stands on a plate."""
+    return mold.casting.flat or float(-mold.core.axis @ mold.casting.down) < STANDING
+
+
 def step_core(scene: Scene) -> Figure:
-    """The core on its base."""
-    standing = [piece.name for piece in scene.mold.pieces if piece.kind in ("core", "base")]
+    """The core, on its base if it stands on one."""
+    kinds = ("core",) if cradled(scene.mold) else ("core", "base")
+    standing = [piece.name for piece in scene.mold.pieces if piece.kind in kinds]
     return _drawing(scene, {name: scene.bodies[name] for name in standing})
 
 
@@ -225,6 +239,8 @@ def step_close(scene: Scene) -> Figure:
     axis = scene.mold.core.axis
     parts = {}
     for piece in scene.mold.pieces:
+        if piece.kind == "base" and cradled(scene.mold):
+            continue
         away = piece.kind == "shell" and (piece.name not in first or len(shells) == 1)
         way = ways[piece.name] - (ways[piece.name] @ axis) * axis
         parts[piece.name] = moved(scene.bodies[piece.name], 0.7 * way if away else np.zeros(3))
@@ -236,10 +252,10 @@ def step_fill(scene: Scene) -> Figure:
     filling, axis = scene.mold.filling, scene.mold.core.axis
     view = view_from(filling.inlet + 1.2 * np.cross(axis, filling.inlet) + 0.45 * axis, axis)
     parts = scene.bodies.values()
-    figure, axes = canvas(view, parts, margin=(0.10, 0.08))
+    figure, axes = canvas(view, parts, margin=(0.10, 0.14))
     paint(axes, view, parts)
     points = np.concatenate([body.vertices for body in parts])
-    long = 0.2 * float(np.ptp(points @ axis))
+    long = 0.13 * float(np.ptp(points @ axis))
     mouth = filling.port + MOUTH_MM * filling.inlet
     way_in = view.flat(np.stack([mouth + long * filling.inlet, mouth]))
     _arrow(axes, way_in, "silicone in", SILICONE, at_tip=False)
@@ -259,23 +275,27 @@ def step_open(scene: Scene) -> Figure:
     axis = scene.mold.core.axis
     parts = {}
     for piece in scene.mold.pieces:
+        if piece.kind == "base" and cradled(scene.mold):
+            continue
         way = ways[piece.name] - (ways[piece.name] @ axis) * axis
         parts[piece.name] = moved(scene.bodies[piece.name], way)
-    raised = moved(scene.brace, np.zeros(3))
-    return _drawing(scene, {**parts, "casting": raised})
+    return _drawing(scene, {**parts, "casting": scene.brace})
 
 
-def canvas(view: View, bodies: Iterable[Drawn], margin: tuple[float, float]) -> tuple[Figure, Axes]:
+def canvas(
+    view: View, bodies: Iterable[Drawn], margin: tuple[float, float], below: float = 0.0
+) -> tuple[Figure, Axes]:
     """A figure as large as the bodies need, with room for words at its sides.
 
     Args:
         view: Where one looks from.
         bodies: What will be drawn.
         margin: Room left and right, below and above, in parts of the drawing.
+        below: More room below.
     """
     figure = Figure(figsize=(6.0, 6.0))
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    left, right, bottom, top = frame(axes, view, bodies, margin)
+    left, right, bottom, top = frame(axes, view, bodies, margin, below)
     width, height = right - left, top - bottom
     longest = max(width, height)
     figure.set_size_inches(PIXELS / DPI * width / longest, PIXELS / DPI * height / longest)
@@ -283,13 +303,15 @@ def canvas(view: View, bodies: Iterable[Drawn], margin: tuple[float, float]) -> 
 
 
 def frame(
-    axes: Axes, view: View, bodies: Iterable[Drawn], margin: tuple[float, float]
+    axes: Axes, view: View, bodies: Iterable[Drawn], margin: tuple[float, float], below: float = 0.0
 ) -> tuple[float, float, float, float]:
     """Let axes show bodies and nothing else; returns left, right, bottom and top [mm]."""
     corners = np.concatenate([view.flat(body.vertices) for body in bodies])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    room = np.asarray(margin) * (high - low).max() + 2.0
+    size = float((high - low).max())
+    room = np.asarray(margin) * size + 2.0
     (left, bottom), (right, top) = low - room, high + room
+    bottom -= below * size
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     axes.axis("off")
     return float(left), float(right), float(bottom), float(top)
@@ -341,20 +363,11 @@ def _same_way(first: Piece, second: Piece) -> bool:
     return first.pull is not None and second.pull is not None and bool(np.allclose(first.pull, second.pull))
 
 
-def _name(axes: Axes, view: View, piece: Piece, body: Drawn) -> None:
-    """A piece's title above it."""
-    flat = view.flat(body.vertices)
-    axes.text(
-        0.5 * (flat[:, 0].min() + flat[:, 0].max()),
-        flat[:, 1].max() + 3.0,
-        piece.title,
-        ha="center",
-        va="bottom",
-        fontsize=9,
-        color=INK,
-        zorder=4,
-        bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
-    )
+def _number(axes: Axes, flat: Float[Array, "point 2"], text: str) -> None:
+    """A number in a circle on the middle of what is drawn."""
+    x, y = 0.5 * (flat.min(axis=0) + flat.max(axis=0))
+    style = {"boxstyle": "circle,pad=0.25", "facecolor": "white", "edgecolor": INK, "linewidth": 0.9}
+    axes.text(x, y, text, ha="center", va="center", fontsize=9, color=INK, zorder=6, bbox=style)
 
 
 def _arrow(

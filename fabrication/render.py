@@ -25,7 +25,7 @@ FRAGMENTS = 1_000_000
 EDGE = 1e-9
 """Pixels this close outside of a triangle belong to it: no gaps between neighbours [-]."""
 
-CREASE = 0.8
+CREASE = 0.95
 """Cosine between a triangle and the mean direction around its corner from which the edge looks sharp."""
 
 
@@ -142,11 +142,11 @@ class _Scene:
 
 def _corner_normals(points: Array, triangles: Array, flat: Array) -> Array:
     """Normal at each corner of each triangle: mean around the vertex, or the triangle's own at creases."""
+    own = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-300)
     total = np.zeros_like(points)
     for corner in range(3):
-        np.add.at(total, triangles[:, corner], flat)
+        np.add.at(total, triangles[:, corner], own)
     total /= np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
-    own = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-300)
     around = total[triangles]
     sharp = np.einsum("tcx,tx->tc", around, own) < CREASE
     return np.where(sharp[..., None], own[:, None], around)

@@ -126,5 +126,5 @@ def _legend(mold: Mold) -> list[tuple[str, tuple[float, float, float]]]:
     seen: dict[tuple[float, float, float], str] = {}
     for piece in mold.pieces:
         if piece.kind != "fixture":
-            seen.setdefault(piece.colour, piece.title)
+            seen.setdefault(piece.colour, piece.title.split(", part")[0])
     return [("silicone", RUBBER), ("gutter", GUTTER), *((title, colour) for colour, title in seen.items())]

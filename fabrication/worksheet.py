@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from fabrication.checks import overhang_mm2
 from fabrication.mold import Mold
+from fabrication.pictures import cradled
 from fabrication.printable import Printable
 from fabrication.slicer import INFILL, PERIMETERS
 from hilbrace import __version__
@@ -122,6 +123,8 @@ def worksheet(result: MoldResult, settings: MoldSettings, pictures: dict[str, by
         thickness=casting.thickness_mm,
         repairs=casting.repairs,
         split=_split(mold),
+        cradled=cradled(mold),
+        lid=casting.flat,
     )
 
 

@@ -39,6 +39,8 @@ FILM_MM = 0.2
 """Pieces thinner than this that a boolean leaves over the grooves are films, no lands."""
 CAVITY = 0.01
 """Largest difference of the grooves of a file's brace from its volume; rounded edges come out sharper [-]."""
+FOLDED_MM2 = 1.0
+"""Area of the land's faces that may lie in each other: needles of a limb's mesh."""
 _LEVEL_MM = 1e-3
 EQUAL_MM = 1e-6
 """Triangles are merged where the surface moves by no more than this."""
@@ -57,7 +59,7 @@ def build_core(casting: Casting, settings: MoldSettings) -> Core:
     lower, upper = edge_line(casting, -1), edge_line(casting, 1)
     floor = casting.vertices - _sunk(casting, upper)[:, None] * casting.direction
     land = _closed(casting, casting.outer, casting.triangles, "core without grooves").simplify(EQUAL_MM)
-    check_apart(Mesh(*mesh_of(land)), "mold core", "limb in the mold")
+    check_apart(Mesh(*mesh_of(land)), "mold core", "limb in the mold", FOLDED_MM2)
     gutter = _gutter(casting, floor, 0.0)
     if casting.covered is None:
         solid = land - _opened(casting) - _gutter(casting, floor, LIFT_MM)

@@ -30,8 +30,9 @@ UNITS = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
 """Millimetres per unit of a file."""
 LENGTHS_MM = (25.0, 900.0)
 """Longest sides that braces and coupons have."""
-WALLS_MM = (0.4, 12.0)
-"""Twice the volume over the surface of braces: somewhat less than their thickness."""
+WALLS_MM = (1.1, 8.0)
+"""Twice the volume over the surface of braces, somewhat less than their thickness, for telling units other
+than millimetres; in these any thinner one is believed, too."""
 JOIN_MM = 0.01
 """Vertices at open edges that are nearer to each other than this are one."""
 HOLE_MM = 8.0
@@ -235,7 +236,8 @@ def _unit(mesh: Mesh, units: str | None, where: str) -> tuple[float, list[str]]:
     fits = [
         unit
         for unit, factor in UNITS.items()
-        if LENGTHS_MM[0] <= factor * size <= LENGTHS_MM[1] and WALLS_MM[0] <= factor * wall <= WALLS_MM[1]
+        if LENGTHS_MM[0] <= factor * size <= LENGTHS_MM[1]
+        and (WALLS_MM[0] if factor > 1 else 0.0) <= factor * wall <= WALLS_MM[1]
     ]
     if fits[:1] == ["mm"]:
         return 1.0, []
@@ -276,7 +278,7 @@ def _compact(points: Array, triangles: Array) -> tuple[Array, Array]:
     return points[used], numbers.reshape(-1, 3)
 
 
-def check_apart(mesh: Mesh, where: str, what: str = "brace") -> None:
+def check_apart(mesh: Mesh, where: str, what: str = "brace", allowed_mm2: float = 0.0) -> None:
     """Refuse a surface that runs through itself or touches itself.
 
     Just inside each face the winding number of a sound surface is 1, just outside it is 0.
@@ -285,6 +287,7 @@ def check_apart(mesh: Mesh, where: str, what: str = "brace") -> None:
         mesh: The surface [mm].
         where: What shows it.
         what: What the surface is called.
+        allowed_mm2: Area of such faces that is passed over.
 
     Raises:
         GeometryError: Some face has more of the brace in front of it, or lies inside of it.
@@ -299,7 +302,7 @@ def check_apart(mesh: Mesh, where: str, what: str = "brace") -> None:
     probes = np.concatenate([middle - step, middle + step])
     found = np.asarray(igl.fast_winding_number(mesh.vertices, mesh.triangles, probes))
     wrong = np.abs(found.reshape(2, -1) - [[1.0], [0.0]]).max(axis=0) > 0.5
-    if wrong.any():
+    if double[seen[wrong]].sum() / 2 > allowed_mm2:
         raise GeometryError(
             f"the {what} touches itself or runs through itself, near {_place(middle[wrong][0])}",
             where=where,

@@ -13,7 +13,7 @@ from scipy.sparse import csr_array, eye_array
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import ConvexHull
 
-from fabrication.foreign_brace import Mesh, distinct, parts_of
+from fabrication.foreign_brace import Mesh, distinct, open_edges, parts_of
 from fabrication.sheet import rim_of
 from hilbrace.body.mesh_file import load_triangles
 from hilbrace.domain.isoline import compact, cut_by_levels, cut_by_plane, mesh_edges
@@ -28,12 +28,17 @@ SHORT_MM = 15.0
 OPEN_MM = 0.02
 """How far the upper edge reaches into the gutter, so that it opens onto it."""
 _SNAP_MM = 0.02
+_BACK_MM = 0.5
+_LONGER_MM = 5.0
 _SNAP = 0.2
 _RIM_MM = 15.0
 _BIN_MM = 4.0
 _CREST_MM = 3.0
 _NOTCH = 3
 _FACING = 0.7
+_FEW = 8000
+_FINENESS = 30
+_WAYS = 600
 _SMOOTHINGS = 20
 _GRID = 1.25
 """Spacing of a guessed limb's mesh, in resolutions [-]."""
@@ -45,13 +50,15 @@ def tube_axis(brace: Mesh, where: str) -> Float[Array, "3"]:
     Raises:
         GeometryError: The brace is no sleeve.
     """
-    away = brace.vertices - brace.vertices.mean(axis=0)
-    axes = np.linalg.svd(away[:: max(1, len(away) // 5000)], full_matrices=False)[2]
-    best, free = axes[0], 0.0
-    for axis in axes:
-        radius = np.linalg.norm(away - np.outer(away @ axis, axis), axis=1)
-        if radius.min() / radius.mean() > free:
-            best, free = axis, float(radius.min() / radius.mean())
+    size = float(np.ptp(brace.vertices, axis=0).max())
+    dense, _, _ = refined(brace.vertices, brace.vertices, brace.triangles, size / _FINENESS)
+    away = dense - surface_centre(brace)
+    few = away[:: max(1, len(away) // _FEW)]
+    squared = (few**2).sum(axis=1)[:, None]
+    ways = _half_sphere()
+    radius = np.sqrt(np.maximum(squared - (few @ ways.T) ** 2, 0.0))
+    freedom = radius.min(axis=0) / radius.mean(axis=0)
+    best, free = ways[int(np.argmax(freedom))], float(freedom.max())
     if free < HOLLOW:
         raise GeometryError(
             "the brace is neither flat nor a sleeve around a limb: no straight line runs through its middle "
@@ -61,6 +68,22 @@ def tube_axis(brace: Mesh, where: str) -> Float[Array, "3"]:
         )
     axis = _shortest(away, best)
     return axis * np.sign(axis[np.argmax(np.abs(axis))])
+
+
+def surface_centre(mesh: Mesh) -> Float[Array, "3"]:
+    """Centroid of a surface [mm]."""
+    p = mesh.vertices[mesh.triangles]
+    area = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
+    return (p.mean(axis=1) * area[:, None]).sum(axis=0) / area.sum()
+
+
+def _half_sphere() -> Float[Array, "way 3"]:
+    """Directions evenly spread over a half sphere (golden spiral), and the axes."""
+    number = np.arange(_WAYS)
+    z = (number + 0.5) / _WAYS
+    turn = number * np.pi * (3 - np.sqrt(5))
+    wide = np.sqrt(1 - z**2)
+    return np.concatenate([np.eye(3), np.stack([wide * np.cos(turn), wide * np.sin(turn), z], axis=1)])
 
 
 def _shortest(points: Float[Array, "point 3"], axis: Float[Array, "3"]) -> Float[Array, "3"]:
@@ -148,7 +171,7 @@ def span_of(brace: Mesh, up: Float[Array, "3"]) -> Span:
     first = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
     first /= np.linalg.norm(first)
     axes = np.stack([first, np.cross(up, first), up])
-    centre = brace.vertices.mean(axis=0)
+    centre = surface_centre(brace)
     local = (brace.vertices - centre) @ axes.T
     near = local[brace.triangles][..., 2].max(axis=1) > local[:, 2].max() - _RIM_MM
     used, triangles = np.unique(brace.triangles[near], return_inverse=True)
@@ -184,7 +207,7 @@ def cut_tube(limb: Mesh, span: Span, where: str) -> tuple[Mesh, list[str]]:
     Raises:
         GeometryError: The limb does not go through the brace, or is no tube there.
     """
-    long, short = _prolonged(limb, span)
+    long, short = _prolonged(limb, span, where)
     local = span.local(long.vertices)
     points, triangles = cut_by_levels(long.vertices, long.triangles, local[:, 2] - span.upper(local), _SNAP)
     points, triangles = cut_by_plane(
@@ -192,15 +215,6 @@ def cut_tube(limb: Mesh, span: Span, where: str) -> tuple[Mesh, list[str]]:
     )
     piece = _largest(Mesh(points, triangles))
     _check_tube(piece, where)
-    lower = span.local(piece.vertices[tube_ends(piece, span.axes[2])[0]])
-    upper = span.local(piece.vertices[tube_ends(piece, span.axes[2])[1]])
-    gap = max(float(lower[:, 2].max() - span.low), float((span.upper(upper) - upper[:, 2]).max()))
-    if gap > _BIN_MM:
-        raise GeometryError(
-            f"the limb ends {gap + SHORT_MM:.0f} mm before its brace does",
-            where=where,
-            hint="give a limb that reaches beyond the brace, in the brace's unit and place",
-        )
     p = span.local(piece.vertices)[piece.triangles]
     normal, middle = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), p.mean(axis=1)
     outward = np.einsum("tx,tx->", normal[:, :2], middle[:, :2]) > 0
@@ -209,21 +223,53 @@ def cut_tube(limb: Mesh, span: Span, where: str) -> tuple[Mesh, list[str]]:
     return piece, said
 
 
-def _prolonged(limb: Mesh, span: Span) -> tuple[Mesh, float]:
+def _prolonged(limb: Mesh, span: Span, where: str) -> tuple[Mesh, float]:
     """A limb whose open ends go on along the axis, and how far it ended before its brace [mm]."""
-    points, triangles, short = limb.vertices, limb.triangles, 0.0
+    up, shift, short = span.axes[2], float(span.centre @ span.axes[2]), 0.0
+    points, triangles = limb.vertices, limb.triangles
+    middle = (span.low + span.high.mean()) / 2
     for numbers in igl.boundary_loop_all(np.ascontiguousarray(limb.triangles)):
-        loop = np.array(numbers)
-        local = span.local(limb.vertices[loop])
-        above = local[:, 2].mean() > (span.low + span.high.mean()) / 2
+        local = span.local(limb.vertices[np.array(numbers)])
+        if _turns(local) != 1:
+            continue
+        above = local[:, 2].mean() > middle
         gap = (span.upper(local) - local[:, 2]).max() if above else (local[:, 2] - span.low).max()
+        if gap <= -_BACK_MM:
+            continue
         short = max(short, float(gap))
-        far = points[loop] + (SHORT_MM if above else -SHORT_MM) * span.axes[2]
-        after, index = np.roll(loop, -1), len(points) + np.arange(len(loop))
-        on = np.roll(index, -1)
-        sides = np.concatenate([np.stack([after, loop, index], 1), np.stack([after, index, on], 1)])
-        points, triangles = np.concatenate([points, far]), np.concatenate([triangles, sides])
+        if short > SHORT_MM:
+            raise GeometryError(
+                f"the limb ends {short:.0f} mm before its brace does",
+                where=where,
+                hint="give a limb that reaches beyond the brace, in the brace's unit and place",
+            )
+        # a scan ends raggedly: it is cut straight first
+        level = float(local[:, 2].min() if above else local[:, 2].max()) + shift
+        way, offset = (up, level - _BACK_MM) if above else (-up, -level - _BACK_MM)
+        points, triangles = _largest(Mesh(*cut_by_plane(points, triangles, way, offset, _SNAP_MM)))
+        points, triangles = _ruled(Mesh(points, triangles), way, offset)
     return Mesh(points, triangles), short
+
+
+def _turns(loop: Float[Array, "corner 3"]) -> int:
+    """How often a closed line goes around the axis, either way."""
+    turn = np.arctan2(loop[:, 1], loop[:, 0])
+    step = (np.diff(turn, append=turn[:1]) + np.pi) % (2 * np.pi) - np.pi
+    return abs(round(float(step.sum() / (2 * np.pi))))
+
+
+def _ruled(limb: Mesh, way: Float[Array, "3"], offset: float) -> Mesh:
+    """A limb that goes on straight beyond its end in a plane across the way."""
+    edges = open_edges(limb.triangles)
+    end = np.abs(limb.vertices[edges] @ way - offset).max(axis=1) < _SNAP_MM
+    tail, head = edges[end].T
+    rim, number = np.unique(np.concatenate([tail, head]), return_inverse=True)
+    far_tail, far_head = len(limb.vertices) + number.reshape(2, -1)
+    sides = np.concatenate(
+        [np.stack([head, tail, far_tail], axis=1), np.stack([head, far_tail, far_head], axis=1)]
+    )
+    points = np.concatenate([limb.vertices, limb.vertices[rim] + (SHORT_MM + _LONGER_MM) * way])
+    return Mesh(points, np.concatenate([limb.triangles, sides]))
 
 
 def tube_ends(tube: Mesh, up: Float[Array, "3"]) -> tuple[Int[Array, " low"], Int[Array, " up"]]:

@@ -30,13 +30,21 @@ EVEN = 0.05
 """Range of thickness, over its median, that is not worth a word [-]."""
 THINNEST, THICKEST = 0.4, 2.5
 """Thickness over its median beyond which a place is no wall of the brace but something on it [-]."""
+FLUSH = 0.12
+"""How far the brace may stand out of its outer face, over its thickness [-]."""
 FLAT = 0.25
 """Thickness over width up to which a brace is a flat coupon [-]."""
 _FACING = 0.5
+_OPPOSITE = 0.9
+_GROUND = 0.1
+"""Least share of a coupon's surface that is its ground [-]."""
+_GROUND_MM = 0.05
+_FEW = 3
+"""Places with another thickness than the rest that are no speck."""
 _TOUCH_MM = 0.02
 _NEAREST = 8
 _ROUNDS = 4
-_SMOOTHINGS = 12
+_SMOOTHINGS = 30
 _LONGEST = 1.6
 """Longest edge of the sheet, in resolutions: halved edges are between this and half of it [-]."""
 FOLDED_MM2 = 1.0
@@ -94,6 +102,7 @@ def on_limb(brace: Mesh, limb: Mesh, up: Float[Array, "3"], settings: MoldSettin
     loops = tube_ends(Mesh(points, triangles), up)
     for end, loop, length in zip((-1, 1), loops, (settings.foot_mm, settings.gutter_mm), strict=True):
         sheet = prolonged(sheet, np.append(loop, loop[0]), end * up, length, end)
+    check_flush(brace, sheet, float(np.median(reach)), where)
     levels = np.linspace(height.min(), height.max(), _SECTIONS + 2)[1:-1]
     line = np.array([section(limb.vertices, limb.triangles, limb.vertices @ up - level) for level in levels])
     return Laid(sheet, line, up, float(np.median(reach)), repairs)
@@ -111,30 +120,43 @@ def _smooth(
 
 
 def flat_normal(brace: Mesh) -> Float[Array, "3"] | None:
-    """Unit direction in which a flat coupon is thick, away from its ground; ``None`` of what is not flat."""
+    """Unit direction in which a flat coupon is thick, away from its ground; ``None`` of what is not flat.
+
+    The ground is the larger of its two plane faces; of two alike, the one across an axis of the file, and the
+    lower one.
+    """
     p = brace.vertices[brace.triangles]
     area = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     size = np.linalg.norm(area, axis=1)
     unit = area / np.maximum(size, 1e-12)[:, None]
-    code, number = np.unique(np.round(unit, 2), axis=0, return_inverse=True)
-    most = int(np.argmax(np.bincount(number.ravel(), size, minlength=len(code))))
-    own = number.ravel() == most
-    normal = (unit[own] * size[own, None]).sum(axis=0)
-    normal /= np.linalg.norm(normal)
+    code, number = np.unique(np.round(unit, 2) + 0.0, axis=0, return_inverse=True)
+    weight = np.bincount(number.ravel(), size, minlength=len(code))
+    first = int(np.argmax(weight))
+    behind = np.flatnonzero(code @ code[first] < -_OPPOSITE)
+    sides = [first, *behind[np.argsort(-weight[behind])][:1]]
+    best, score = None, (0.0, 0.0, 0.0)
+    for side in sides:
+        own = number.ravel() == side
+        down = area[own].sum(axis=0)
+        down /= np.linalg.norm(down)
+        level = brace.vertices @ down
+        on_plane = np.abs(p @ down - level.max()).max(axis=1) < _GROUND_MM
+        share = round(float(size[on_plane].sum() / size.sum()), 1)
+        axis = int(np.argmax(np.abs(down)))
+        found = (share, round(float(np.abs(down[axis])), 4), -float(np.sign(down[axis])))
+        if share >= _GROUND and found > score and _is_thin(brace, down):
+            best, score = -down, found
+    return best
+
+
+def _is_thin(brace: Mesh, normal: Float[Array, "3"]) -> bool:
+    """Whether a body is much thinner along a direction than wide across it."""
     height = brace.vertices @ normal
     across = brace.vertices - np.outer(height, normal)
-    width = np.linalg.svd(across - across.mean(axis=0), full_matrices=False)[2][:2] @ across.T
-    if np.ptp(height) > FLAT * np.ptp(width, axis=1).min():
-        return None
-    grounds = [
-        float(size[(unit @ side > 0.999) & (np.abs(p.mean(axis=1) @ side - level) < 0.05)].sum())
-        for side, level in ((normal, height.max()), (-normal, -height.min()))
-    ]
-    if max(grounds) < 0.1 * size.sum():
-        return None
-    ahead = normal[np.argmax(np.abs(normal))] > 0
-    even = min(grounds) > 0.98 * max(grounds)
-    return normal if (ahead if even else grounds[1] > grounds[0]) else -normal
+    width = (across - across.mean(axis=0)) @ np.linalg.svd(across - across.mean(axis=0), full_matrices=False)[
+        2
+    ].T
+    return bool(np.ptp(height) <= FLAT * np.sort(np.ptp(width, axis=0))[1])
 
 
 def on_ground(brace: Mesh, normal: Float[Array, "3"], settings: MoldSettings, where: str) -> Laid:
@@ -179,6 +201,7 @@ def on_ground(brace: Mesh, normal: Float[Array, "3"], settings: MoldSettings, wh
     inside = (columns[:-1] >= x.min() - 1e-9) & (columns[1:] <= x.max() + 1e-9)
     line = rim.walk(last + count - 1, first + count - 1)
     sheet = prolonged(sheet, line, up, settings.gutter_mm, np.where(inside[::-1], 1, 2))
+    check_flush(brace, sheet, float(np.median(reach)), where)
     middle = (x.min() + x.max()) / 2 * right + z.min() * normal
     ends = np.array([y.min(), y.max()])[:, None] * up + middle
     return Laid(sheet, ends, up, float(np.median(reach)), repairs)
@@ -239,19 +262,21 @@ def measured(
         )
     known = reach[covered]
     middle = float(np.median(known))
-    low, high = np.percentile(known, [0.5, 99.5])
+    ordered = np.sort(known)
+    low, high = ordered[min(_FEW, len(known)) - 1], ordered[-min(_FEW, len(known))]
     if low < THINNEST * middle or high > THICKEST * middle:
         raise GeometryError(
             f"the thickness of the brace is not even: {low:.1f} to {high:.1f} mm where most of it has "
             f"{middle:.1f} mm",
             where=where,
-            hint="take off what stands out from the brace's outer face, or give the limb that it lies on",
+            hint="give the limb that it lies on, or even it out",
         )
     away, near = KDTree(points[covered]).query(points[~covered], k=min(_NEAREST, int(covered.sum())))
     weight = 1.0 / np.reshape(away, (len(away), -1)) ** 2
     values = known[np.reshape(near, (len(away), -1))]
     out = reach.copy()
     out[~covered] = (weight * values).sum(axis=1) / weight.sum(axis=1)
+    low, high = np.percentile(known, [0.5, 99.5])
     if high - low <= EVEN * middle:
         return out, ()
     said = f"the brace is {low:.2f} to {high:.2f} mm thick; the shells follow its outer face"
@@ -277,6 +302,27 @@ def _along(
         slope = np.maximum(np.einsum("vx,vx->v", way, own), 0.2)
         reach = reach + np.einsum("vx,vx->v", np.asarray(foot) - goal, own) / slope
     return reach, np.sqrt(np.asarray(squared)) < _TOUCH_MM
+
+
+def check_flush(brace: Mesh, sheet: Sheet, thickness_mm: float, where: str) -> None:
+    """Refuse a brace that stands out of the outer face: the shells would cut off what does.
+
+    Raises:
+        GeometryError: With the place that stands out most.
+    """
+    _, near, foot = igl.point_mesh_squared_distance(brace.vertices, sheet.outer, sheet.triangles)
+    p = sheet.outer[sheet.triangles[np.asarray(near)]]
+    normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    out = np.einsum("vx,vx->v", brace.vertices - np.asarray(foot), normal)
+    if out.max() > FLUSH * thickness_mm:
+        place = ", ".join(f"{x:.0f}" for x in brace.vertices[np.argmax(out)])
+        raise GeometryError(
+            f"the thickness of the brace is not even: it stands {out.max():.1f} mm out of its outer face "
+            f"near ({place})",
+            where=where,
+            hint="take off what stands out (buckles, studs, letters) and glue it on after casting",
+        )
 
 
 def _check_unfolded(

@@ -61,30 +61,57 @@ SETTINGS = {
 """Loops of every kind: with what they draw, solve and refresh on the way."""
 
 
+TINY: dict[str, dict[str, object]] = {
+    "domain": {"triangles": 400},
+    "optimize": {"iterations": 14, "snapshots": 4},
+    "pattern": {"min_strut_mm": 4.0, "resolution_mm": 2.2},
+}
+"""The long test makes sixty runs of each kind."""
+
+TO_SOLID = ("--until", "solid")
+
+
+@pytest.fixture(scope="module")
+def analysed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small run whose motion is analysed: what comes before the design, and is slow."""
+    folder = write_small_run(tmp_path_factory.mktemp("runs") / "analysed")
+    finish(folder, "--until", "biomech")
+    return folder
+
+
 @pytest.mark.soak
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("kind", SETTINGS)
-def test_killed_at_twenty_random_moments_each_run_ends_in_the_same_bytes(kind: str, tmp_path: Path):
-    """Twenty runs, each killed once at any moment of its whole course, and twenty kills of one run."""
-    reference = write_small_run(tmp_path / "reference", optimize=SETTINGS[kind])
+def test_killed_at_twenty_random_moments_each_run_ends_in_the_same_bytes(
+    analysed: Path, kind: str, tmp_path: Path
+):
+    """Twenty runs, each killed once at any moment from domain to solid, and twenty kills of one run."""
+
+    def fresh(name: str) -> Path:
+        shutil.copytree(analysed, tmp_path / name)
+        return small_run.write_small_run(
+            tmp_path / name, **TINY | {"optimize": TINY["optimize"] | SETTINGS[kind]}
+        )
+
+    reference = fresh("reference")
     begin = time.perf_counter()
-    finish(reference)
+    finish(reference, *TO_SOLID)
     seconds = time.perf_counter() - begin
     expected, chance = digests(reference), random.Random(kind)
-    often = write_small_run(tmp_path / "often", optimize=SETTINGS[kind])
+    often = fresh("often")
     for number in range(20):
-        once = write_small_run(tmp_path / f"once_{number}", optimize=SETTINGS[kind])
+        once = fresh(f"once_{number}")
         _kill_after(once, chance.uniform(0.0, 1.0) * seconds)
-        finish(once)
+        finish(once, *TO_SOLID)
         assert digests(once) == expected, f"kill {number}"
         shutil.rmtree(once)
         _kill_after(often, chance.uniform(0.1, 0.6) * seconds)
-    finish(often)
+    finish(often, *TO_SOLID)
     assert digests(often) == expected
 
 
 def _kill_after(folder: Path, seconds: float) -> None:
-    process = start(folder)
+    process = start(folder, *TO_SOLID)
     time.sleep(seconds)
     process.kill()
     process.communicate()

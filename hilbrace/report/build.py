@@ -51,7 +51,7 @@ LOSSES_CAPTION = {
 
 FIGURES = (
     ("motion", "frames", "frames of the motion", ""),
-    ("motion", "rate_hz", "at", "Hz"),
+    ("motion", "rate_hz", "their rate", "Hz"),
     ("motion", "markers", "markers", ""),
     ("biomech", "coordinates", "coordinates of the skeleton", ""),
     ("biomech", "muscles", "muscles", ""),
@@ -61,11 +61,11 @@ FIGURES = (
     ("domain", "triangles", "triangles of the brace's surface", ""),
     ("domain", "quasi_conformal_mean", "mean quasi-conformal ratio of its flat map (1 keeps angles)", ""),
     ("optimize", "iterations", "iterations of the optimizer", ""),
-    ("optimize", "seconds_per_iteration", "each took", "s"),
+    ("optimize", "seconds_per_iteration", "time for each", "s"),
     ("brace", "volume_fraction", "volume over that of a solid sleeve, as optimized", ""),
     ("pattern", "area_fraction", "area of the struts over that of a solid sleeve", ""),
     ("solid", "volume_ml", "volume of the solid", "ml"),
-    ("solid", "volume_error", "off area x fraction x thickness, relative", ""),
+    ("solid", "volume_error", "its relative distance from area x fraction x thickness", ""),
     ("solid", "triangles", "triangles of the solid", ""),
     ("solid", "genus", "handles of the solid (genus)", ""),
     ("solid", "manifold_status", "manifold check of the solid", ""),

@@ -18,7 +18,7 @@ from fabrication.mold import Casting
 from fabrication.offsets import Surroundings, surroundings
 from fabrication.parting import Parting
 from fabrication.seams import Seam
-from fabrication.shells import FLANGE_THICKNESS_MM
+from fabrication.shells import flange_thickness
 from hilbrace.config.mold import MoldSettings
 
 Array = np.ndarray
@@ -79,7 +79,7 @@ def flange_places(casting: Casting, parting: Parting, settings: MoldSettings) ->
     around = surroundings(parting.land, SPACING_MM)
     bolts, keys, jacks = [], [], []
     for seam in parting.seams:
-        chart = _Chart.of(seam, around, parting)
+        chart = _Chart.of(seam, around, parting, flange_thickness(settings))
         middle = chart.lines(settings.wall_mm + 0.5 * settings.flange_mm, FROM_END_MM)
         edge = chart.lines(settings.wall_mm + settings.flange_mm, 0.0)
         for line in middle:
@@ -101,11 +101,12 @@ class _Chart:
     parting: Parting
     distance: Float[Array, "row column"]
     normals: Float[Array, "row column 3"]
+    thickness: float
 
     @classmethod
-    def of(cls, seam: Seam, around: Surroundings, parting: Parting) -> _Chart:
-        shape = seam.points.shape[:2]
-        return cls(seam, parting, around.distance(seam.points.reshape(-1, 3)).reshape(shape), seam.normals())
+    def of(cls, seam: Seam, around: Surroundings, parting: Parting, thickness_mm: float) -> _Chart:
+        distance = around.distance(seam.points.reshape(-1, 3)).reshape(seam.points.shape[:2])
+        return cls(seam, parting, distance, seam.normals(), thickness_mm)
 
     def lines(self, level_mm: float, margin_mm: float) -> list[Float[Array, "point 2"]]:
         """Lines at a distance from the limb, inside the ends, in rows and columns of the grid."""
@@ -134,7 +135,7 @@ class _Chart:
             direction=direction,
             outward=self._outward(at, direction),
             pieces=(names[first], names[second]),
-            thickness=FLANGE_THICKNESS_MM,
+            thickness=self.thickness,
             slant_deg=slant,
         )
 

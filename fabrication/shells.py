@@ -8,6 +8,8 @@ from manifold3d import Manifold, OpType
 
 from fabrication.bodies import body_of
 from fabrication.ends import border_loops
+from fabrication.fixtures.bolt import least_thickness
+from fabrication.hardware import fastener
 from fabrication.mold import Casting, Core, Piece
 from fabrication.offsets import surroundings, thick_body
 from fabrication.parting import Parting
@@ -17,7 +19,7 @@ from hilbrace.errors import GeometryError
 Array = np.ndarray
 
 FLANGE_THICKNESS_MM = 6.0
-"""Thickness of each flange: an M4 bolt's head and nut sink into two of them [mm]."""
+"""Least thickness of each flange: an M4 bolt's head and nut sink into two of them [mm]."""
 
 EXTRA_WALL_MM = 0.3
 """What chords of the outer face and the spacing of the points may cut off, added to the wall [mm]."""
@@ -88,11 +90,20 @@ def one_part(solid: Manifold, name: str) -> Manifold:
     return parts[0]
 
 
+def flange_thickness(settings: MoldSettings) -> float:
+    """Thickness of each flange, as the nuts of its bolts need it [mm].
+
+    Args:
+        settings: Section ``mold``: size of the bolts.
+    """
+    return max(FLANGE_THICKNESS_MM, least_thickness(fastener(settings.bolt_mm)))
+
+
 def _sleeve(core: Core, parting: Parting, settings: MoldSettings) -> Manifold:
     """Wall and flanges around a tube, still full of limb."""
     wall = thick_body(surroundings(core.land, WALL_SPACING_MM), settings.wall_mm + EXTRA_WALL_MM)
     wide = thick_body(surroundings(core.land, WIDE_SPACING_MM), settings.wall_mm + settings.flange_mm)
-    slabs = [seam.slab(FLANGE_THICKNESS_MM) for seam in parting.seams]
+    slabs = [seam.slab(flange_thickness(settings)) for seam in parting.seams]
     flanges = wide ^ Manifold.batch_boolean(slabs, OpType.Add)
     body = wall + flanges
     for end in parting.ends:

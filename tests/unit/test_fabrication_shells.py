@@ -15,9 +15,10 @@ from fabrication.bodies import body_of, mesh_of
 from fabrication.faces import face_normals, vertex_normals
 from fabrication.level_set import level_surface
 from fabrication.offsets import surroundings, thick_body
-from fabrication.shells import FLANGE_THICKNESS_MM, one_part
+from fabrication.shells import FLANGE_THICKNESS_MM, flange_thickness, one_part
 from fabrication.thickness import thinnest_wall
 from hilbrace.errors import GeometryError
+from hilbrace.config.mold import MoldSettings
 from tests.unit.mold_shells import coupon_case, tube_case
 
 
@@ -145,3 +146,11 @@ def test_vertex_normals_of_a_box_point_out_of_its_corners():
     expected = np.sign(vertices) / np.sqrt(3)
     np.testing.assert_allclose(vertex_normals(vertices, triangles), expected, atol=1e-12)
     assert face_normals(vertices, triangles)[1].sum() == pytest.approx(52.0)
+
+
+@pytest.mark.parametrize(("bolt_mm", "nut_mm"), [(4.0, 3.2), (5.0, 4.7), (6.0, 5.2)])
+def test_flanges_are_thick_enough_for_their_nuts(bolt_mm, nut_mm):
+    """Heights of nuts after ISO 4032."""
+    thickness = flange_thickness(MoldSettings(bolt_mm=bolt_mm))
+    assert thickness == FLANGE_THICKNESS_MM or thickness > nut_mm + 1.0
+    assert thickness >= max(FLANGE_THICKNESS_MM, nut_mm + 1.0)

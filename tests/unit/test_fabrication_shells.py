@@ -17,8 +17,8 @@ from fabrication.level_set import level_surface
 from fabrication.offsets import surroundings, thick_body
 from fabrication.shells import FLANGE_THICKNESS_MM, flange_thickness, one_part
 from fabrication.thickness import thinnest_wall
-from hilbrace.errors import GeometryError
 from hilbrace.config.mold import MoldSettings
+from hilbrace.errors import GeometryError
 from tests.unit.mold_shells import coupon_case, tube_case
 
 

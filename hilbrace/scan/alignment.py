@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from hilbrace.errors import InputError
 from hilbrace.run.progress import Report
-from hilbrace.scan.fit_limb import Limb, Pose, pose_limb
-from hilbrace.scan.fit_pose import LimbFit, Marks, fit_pose
+from hilbrace.scan.fit_limb import Limb, Pose, limb_of, pose_limb
+from hilbrace.scan.fit_pose import LAST_SIDEWAYS, LimbFit, Marks, fit_pose
 from hilbrace.scan.surface_scan import SurfaceScan
 
 Array = np.ndarray
@@ -107,6 +107,27 @@ def find_start(
     first, *others = sorted(finalists, key=lambda one: one.misfit)
     rivals = [one for one in others if _turned(first, one) > np.deg2rad(30.0)]
     return Start(first, any(one.misfit < CLEAR * first.misfit for one in rivals))
+
+
+def mirrored_misfit(fit: LimbFit, scan: SurfaceScan) -> float:
+    """Misfit of the other leg in the same place, over the leg's own: below 1 it fits better [-].
+
+    Both are fitted alike, from the same person, so that the leg has no advantage from what went before.
+
+    Args:
+        fit: A fitted leg.
+        scan: The scan.
+    """
+    found = []
+    knee = pose_limb(fit.limb, fit.shape, fit.pose).joints[f"knee_{fit.limb.sides[0]}"]
+    for side in ("l", "r"):
+        one = replace(fit, limb=limb_of(fit.limb.model, (side,)))
+        there = pose_limb(one.limb, one.shape, one.pose).joints[f"knee_{side}"]
+        one = replace(one, pose=replace(one.pose, translation=one.pose.translation + knee - there))
+        one = fit_pose(one, scan, START_POINTS, 12, shaped=LEADING)
+        found.append(fit_pose(one, scan, START_POINTS, 12, sideways=LAST_SIDEWAYS).misfit)
+    left, right = found
+    return right / left if fit.limb.sides == ("l",) else left / right
 
 
 def _upright(limb: Limb) -> LimbFit:

@@ -11,11 +11,14 @@ import matplotlib
 import numpy as np
 import trimesh
 from jaxtyping import Float
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
 from hilbrace.run.records import write_atomic
-from hilbrace.scan.deviation import Deviation, girths
+from hilbrace.scan.deviation import GOOD_95, GOOD_COVER, GOOD_MEAN, NEAR, Deviation, girths
 from hilbrace.scan.free_form import FittedSkin
 from hilbrace.scan.surface_scan import SurfaceScan, describe_holes
 from hilbrace.units import MM_PER_M
@@ -24,10 +27,21 @@ Array = np.ndarray
 
 SCALE_MM = 3.0
 """Distance that is drawn in the last colour [mm]."""
-DRAWN = 30000
+UNSEEN = 0.8
+"""Grey of skin that was not scanned, and of points that belong to something else."""
 _VIEWS = (("front", (1.0, 0.0)), ("right", (0.0, 1.0)), ("back", (-1.0, 0.0)), ("left", (0.0, -1.0)))
-_PALETTE = "coolwarm"
+_PALETTE = "RdYlBu_r"
 _LEGS = {"l": "left leg", "r": "right leg"}
+_ANGLE_WORDS = {
+    "hip_flexion": "hip flexion",
+    "hip_adduction": "hip adduction",
+    "hip_rotation": "hip rotation inwards",
+    "knee_angle": "knee flexion",
+    "knee_adduction": "knee adduction",
+    "knee_rotation": "knee rotation inwards",
+    "ankle_angle": "ankle dorsiflexion",
+    "subtalar_angle": "foot inversion",
+}
 
 
 def report_figures(skin: FittedSkin, scan: SurfaceScan, found: Deviation) -> dict[str, object]:
@@ -87,7 +101,8 @@ def write_report(
         picture=base64.b64encode(picture).decode(),
         interactive=True,
         girths=girths(skin),
-        angles=skin.fit.angles_deg,
+        angles=_angles_in_words(skin),
+        limits=(GOOD_MEAN, GOOD_95, 100.0 * GOOD_COVER),
         foot=skin.fit.foot,
         holes=describe_holes(scan),
         dropped=scan.dropped,
@@ -97,45 +112,73 @@ def write_report(
     write_atomic(folder / "report.html", page.encode())
 
 
+def _angles_in_words(skin: FittedSkin) -> dict[str, float]:
+    """Angles that were fitted, in words [deg]; of one leg the pelvis is not seen, nor any hip's angle."""
+    words = {}
+    for name, angle in skin.fit.angles_deg.items():
+        kind, side = name[:-2], name[-1]
+        hidden = kind.startswith("hip") and len(skin.fit.limb.sides) == 1
+        if not hidden and (skin.fit.foot or kind not in ("ankle_angle", "subtalar_angle")):
+            words[f"{_ANGLE_WORDS[kind]}, {_LEGS[side]}"] = angle
+    return words
+
+
 def deviation_picture(skin: FittedSkin, scan: SurfaceScan, found: Deviation) -> bytes:
-    """Four views of the scan, coloured by its distance from the fitted skin, as PNG."""
-    step = max(1, len(scan.points) // DRAWN)
-    points = (scan.points[::step] - skin.fit.pose.translation) @ skin.fit.pose.rotation * MM_PER_M
-    counted, distance = found.counted[::step], found.distance_mm[::step]
-    own = (skin.vertices - skin.fit.pose.translation) @ skin.fit.pose.rotation * MM_PER_M
-    outward = _outward(points, own, skin)
-    figure = Figure(figsize=(11.0, 6.0), dpi=110)
-    drawn = None
-    for number, (title, (ahead, right)) in enumerate(_VIEWS):
-        axes = figure.add_subplot(1, len(_VIEWS), number + 1)
+    """Four views of the fitted skin, coloured by how far the scan lies from it; PNG. Grey was not scanned."""
+    upright = (skin.vertices - skin.fit.pose.translation) @ skin.fit.pose.rotation * MM_PER_M
+    corners = upright[skin.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    colours = _triangle_colours(skin, scan, found)
+    middle, reach = (upright.min(axis=0) + upright.max(axis=0)) / 2.0, np.ptp(upright, axis=0).max() / 2.0
+    wide = np.abs((upright - middle)[:, [0, 2]]).max() + 5.0
+    figure = Figure(figsize=(11.0, 7.4), dpi=110, layout="constrained")
+    panels = figure.subplots(1, len(_VIEWS))
+    for axes, (title, (ahead, right)) in zip(panels, _titled_views(skin), strict=True):
         camera = np.array([ahead, 0.0, right])
         across = np.cross([0.0, 1.0, 0.0], camera)
-        shown = outward @ camera > 0.0
-        axes.scatter(own @ across, own[:, 1], s=2, color="0.9", linewidths=0)
-        other = shown & ~counted
-        axes.scatter(points[other] @ across, points[other, 1], s=1, color="0.6", linewidths=0)
-        near = shown & counted
-        drawn = axes.scatter(
-            points[near] @ across, points[near, 1], c=distance[near], s=2, cmap=_PALETTE, linewidths=0,
-            vmin=-SCALE_MM, vmax=SCALE_MM,
-        )  # fmt: skip
-        axes.set_title(title)
+        order = np.argsort(corners.mean(axis=1) @ camera)
+        order = order[normals[order] @ camera > 0.0]
+        light = 0.72 + 0.28 * (normals[order] @ camera)
+        drawn = np.stack([corners[order] @ across, corners[order][:, :, 1]], axis=-1)
+        shaded = np.clip(colours[order] * light[:, None], 0.0, 1.0)
+        axes.add_collection(PolyCollection(list(drawn), facecolors=shaded, edgecolors=shaded, linewidths=0.3))
+        axes.set_xlim(middle @ across - wide, middle @ across + wide)
+        axes.set_ylim(middle[1] - reach - 5.0, middle[1] + reach + 5.0)
+        axes.set_title(title, fontsize=11)
         axes.set_aspect("equal")
         axes.axis("off")
-    if drawn is not None:
-        bar = figure.colorbar(drawn, ax=figure.axes, shrink=0.6, pad=0.02)
-        bar.set_label("scan outside (+) or inside (-) the fitted skin [mm]")
+    scale = ScalarMappable(Normalize(-SCALE_MM, SCALE_MM), _PALETTE)
+    bar = figure.colorbar(scale, ax=list(panels), shrink=0.6, pad=0.02, extend="both")
+    bar.set_label("scan outside (+) or inside (-) the fitted skin [mm]")
     stream = io.BytesIO()
     figure.savefig(stream, format="png", metadata={"Software": None})
     return stream.getvalue()
 
 
-def _outward(
-    points: Float[Array, "point 3"], own: Float[Array, "vertex 3"], skin: FittedSkin
-) -> Float[Array, "point 3"]:
-    """Outward normals of the fitted skin next to the points."""
-    normals = trimesh.Trimesh(own, skin.triangles, process=False).vertex_normals
-    return np.asarray(normals)[cKDTree(own).query(points)[1]]
+def _titled_views(skin: FittedSkin) -> list[tuple[str, tuple[float, float]]]:
+    """Views with their names; of one leg, which side is the outer one."""
+    sides = skin.fit.limb.sides
+    if len(sides) > 1:
+        return list(_VIEWS)
+    outer = {"r": "right", "l": "left"}[sides[0]]
+    faces = {"right", "left"}
+    return [
+        (f"{name} ({'lateral' if name == outer else 'medial'})" if name in faces else name, view)
+        for name, view in _VIEWS
+    ]
+
+
+def _triangle_colours(skin: FittedSkin, scan: SurfaceScan, found: Deviation) -> Float[Array, "triangle 3"]:
+    """Colour of the mean distance of the scan's points around each triangle; grey where there are none."""
+    points, distance = scan.points[found.counted], found.distance_mm[found.counted]
+    middles = skin.vertices[skin.triangles].mean(axis=1)
+    gap, near = cKDTree(points).query(middles, k=4)
+    seen = gap[:, 0] < NEAR
+    colours = np.full((len(middles), 3), UNSEEN)
+    share = 0.5 + 0.5 * distance[near[seen]].mean(axis=1) / SCALE_MM
+    colours[seen] = matplotlib.colormaps[_PALETTE](share)[:, :3]
+    return colours
 
 
 def _coloured_mesh(skin: FittedSkin, scan: SurfaceScan, found: Deviation) -> bytes:
@@ -147,7 +190,7 @@ def _coloured_mesh(skin: FittedSkin, scan: SurfaceScan, found: Deviation) -> byt
     nearest = cKDTree(scan.points).query(vertices)[1]
     share = np.clip(0.5 + 0.5 * found.distance_mm[nearest] / SCALE_MM, 0.0, 1.0)
     colours = matplotlib.colormaps[_PALETTE](share)
-    colours[~found.counted[nearest]] = (0.6, 0.6, 0.6, 1.0)
+    colours[~found.counted[nearest]] = (UNSEEN, UNSEEN, UNSEEN, 1.0)
     upright = (vertices - skin.fit.pose.translation) @ skin.fit.pose.rotation
     mesh = trimesh.Trimesh(upright, triangles, vertex_colors=(255 * colours).astype(np.uint8), process=False)
     return _bytes(mesh.export(file_type="glb"))

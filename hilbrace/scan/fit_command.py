@@ -18,11 +18,11 @@ from hilbrace.body.skel import load_skel
 from hilbrace.errors import GeometryError, InputError
 from hilbrace.run.progress import Report, display, silent
 from hilbrace.run.records import save, write_atomic
-from hilbrace.scan.alignment import Start, find_start, start_from_marks
+from hilbrace.scan.alignment import Start, find_start, mirrored_misfit, start_from_marks
 from hilbrace.scan.deviation import Deviation, deviation
 from hilbrace.scan.deviation_report import report_figures, write_report
 from hilbrace.scan.fit_limb import limb_of
-from hilbrace.scan.fit_pose import fit_pose, held_at
+from hilbrace.scan.fit_pose import LAST_SIDEWAYS, LimbFit, fit_pose, held_at
 from hilbrace.scan.free_form import FittedSkin, displaced
 from hilbrace.scan.landmarks import PLACES, check_near, marks_of, read_landmarks
 from hilbrace.scan.surface_scan import SurfaceScan, describe_holes, legs_seen, read_scan
@@ -34,7 +34,7 @@ EXAMPLE = "hilbrace scan fit leg.ply --leg left --landmarks leg.txt --out leg-fi
 SIDES = {"left": ("l",), "right": ("r",), "both": ("r", "l")}
 DIRECTIONS = ("x", "y", "z", "minus-x", "minus-y", "minus-z")
 FIRST_POINTS, POINTS = 1500, 1500
-FIRST_STEPS, STEPS = 15, 15
+FIRST_STEPS, STEPS = 15, 30
 LEADING = 16
 """Shape coefficients of the first round: the components of whole people, before the sliders of the legs."""
 
@@ -79,7 +79,7 @@ def act(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     with display(Console(stderr=True, quiet=quiet), "fit") as progress:
         skin, start = fitted(scan, options, progress)
     found = deviation(skin, scan)
-    doubts = found.doubts + doubts_of(start)
+    doubts = found.doubts + doubts_of(start) + ([] if found.stump else doubts_of_side(skin.fit, scan))
     out.mkdir(parents=True, exist_ok=True)
     write_report(skin, scan, found, doubts, out)
     figures = report_figures(skin, scan, found) | {"doubts": doubts, "good_enough": not doubts}
@@ -127,7 +127,7 @@ def fitted(
     progress(3, 6)
     fit = fit_pose(fit, scan, FIRST_POINTS, FIRST_STEPS, shaped=LEADING, marks=marks)
     progress(4, 6)
-    fit = fit_pose(fit, scan, POINTS, STEPS, marks=marks)
+    fit = fit_pose(fit, scan, POINTS, STEPS, marks=marks, sideways=LAST_SIDEWAYS)
     progress(5, 6)
     skin = displaced(fit, scan)
     progress(6, 6)
@@ -153,6 +153,16 @@ def doubts_of(start: Start) -> list[str]:
     if not start.doubt:
         return []
     return ["the leg fits almost as well turned otherwise: give --up and --forward, or three landmarks"]
+
+
+def doubts_of_side(fit: LimbFit, scan: SurfaceScan) -> list[str]:
+    """Doubts whether a single leg is the left or the right one."""
+    if len(fit.limb.sides) > 1 or mirrored_misfit(fit, scan) >= 1.0:
+        return []
+    asked, other = ("left", "right") if fit.limb.sides == ("l",) else ("right", "left")
+    return [
+        f"this looks like a {other} leg, not a {asked} one: check --leg, and that the file is not mirrored"
+    ]
 
 
 def _model(skel: Path | None) -> BodyModel:

@@ -27,6 +27,8 @@ WORTH = 800.0
 """As many independent points is a scan worth: the model's errors at neighbouring points are alike."""
 SIDEWAYS = 0.05
 """Weight of the distance within the surface against that along its normal."""
+LAST_SIDEWAYS = 1e-3
+"""The same in the last round, which ends where the skin has stopped sliding."""
 LANDMARK_ERROR = 0.008
 """What a landmark is trusted to [m]."""
 SPREAD_DEG: dict[str, float] = dict(zip(ANGLES, (20.0, 10.0, 15.0, 25.0, 2.0, 3.0, 15.0, 8.0), strict=True))
@@ -106,6 +108,7 @@ def fit_pose(
     steps: int,
     shaped: int | None = None,
     marks: Marks | None = None,
+    sideways: float = SIDEWAYS,
 ) -> LimbFit:
     """Gauss-Newton steps from a start.
 
@@ -116,6 +119,8 @@ def fit_pose(
         steps: Most steps.
         shaped: Shape coefficients to fit, the leading ones; all if left out.
         marks: Landmarks.
+        sideways: Weight of the distance within the surface: it steadies the first steps, but as the nearest
+            places go along with the model it also keeps the skin from sliding to where it belongs.
     """
     chosen = np.unique(np.linspace(0, len(scan.points) - 1, count).astype(np.int64))
     points, normals = scan.points[chosen], scan.normals[chosen]
@@ -125,7 +130,7 @@ def fit_pose(
         posed = pose_limb(fit.limb, fit.shape, fit.pose)
         foot = foot_seen(fit.limb, posed, scan)
         contact = _contact(fit.limb, posed, points, normals, scan.oriented)
-        change, short = _step(fit, posed, contact, foot, shaped, marks)
+        change, short = _step(fit, posed, contact, foot, shaped, marks, sideways)
         fit = replace(_moved(fit, change), foot=foot, misfit=contact.misfit)
         if short:
             break
@@ -179,6 +184,7 @@ def _step(
     foot: bool,
     shaped: int,
     marks: Marks | None,
+    sideways: float,
 ) -> tuple[Float[Array, " parameter"], bool]:
     """One regularised least-squares step, and whether it is so short that no other is needed."""
     turns = posed.turn_slope
@@ -191,7 +197,7 @@ def _step(
     normal = (along * worth) @ along.T
     pull = (along * worth) @ ahead
     flat = at.reshape(len(slopes), -1)
-    worth_flat = SIDEWAYS * np.repeat(worth, 3)
+    worth_flat = sideways * np.repeat(worth, 3)
     normal += (flat * worth_flat) @ flat.T
     pull += (flat * worth_flat) @ contact.gap.ravel()
     if marks is not None:

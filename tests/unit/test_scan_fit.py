@@ -121,12 +121,19 @@ def test_a_strangers_leg_from_landmarks(tmp_path):
     assert found.mean_mm < 1.2
     assert found.cover > 0.7
     assert not found.stump
+    assert not fit_command.doubts_of_side(skin.fit, scan)
+    mirror = np.diag([1.0, 1.0, -1.0])
+    other = replace(scan, points=scan.points @ mirror, normals=scan.normals @ mirror)
+    turned = replace(skin.fit.pose, rotation=mirror @ skin.fit.pose.rotation @ mirror)
+    turned = replace(turned, translation=mirror @ skin.fit.pose.translation)
+    wrong = replace(skin.fit, pose=turned)
+    assert "looks like a right leg" in fit_command.doubts_of_side(wrong, other)[0]
 
 
 @pytest.mark.soak
 @pytest.mark.timeout(1800)
 def test_strangers_with_and_without_landmarks_foot_or_not(tmp_path):
-    """All twelve: the skin within the limits, always; the knee's angle, told."""
+    """All twelve: the skin within the limits, always; the knee's angle with landmarks, and told without."""
     off, lines = [], []
     for number in range(PEOPLE):
         for marked in (True, False):
@@ -142,8 +149,8 @@ def test_strangers_with_and_without_landmarks_foot_or_not(tmp_path):
                 assert gap.mean() <= 0.6, lines[-1]
                 assert np.percentile(gap, 95) <= 1.6, lines[-1]
     told = "\n".join(lines)
-    assert np.median(off) <= 1.5, told
-    assert max(off) <= 4.0, told
+    assert (np.array(off) <= 1.5).mean() >= 0.9, told
+    assert max(off) <= 2.0, told
 
 
 def test_the_command_leaves_a_body_that_the_body_stage_takes(tmp_path):
@@ -200,14 +207,26 @@ def test_a_residual_limb_is_called_so(shared_data, tmp_path, name):
     assert not (tmp_path / "fit" / "body.npz").exists()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["human_man.obj", pytest.param("human_woman.obj", marks=pytest.mark.soak)])
+@pytest.mark.soak
+@pytest.mark.parametrize("name", ["human_man.obj", "human_woman.obj"])
 def test_average_people_of_another_topology(shared_data, tmp_path, name):
     figures, _ = fit_command.act(
         options(shared_data / "body_meshes" / name, leg="both", up="y", forward="z", out=tmp_path / "fit")
     )
     assert figures["mean_mm"] < 1.0
     assert figures["knee_region_seen"] > 0.95
+
+
+def test_a_leg_of_the_average_man(shared_data, tmp_path):
+    man = trimesh.load(shared_data / "body_meshes" / "human_man.obj", process=False, force="mesh")
+    man.update_faces(((man.triangles[:, :, 0] > 0.0) & (man.triangles[:, :, 1] < 0.75)).all(axis=1))
+    man.remove_unreferenced_vertices()
+    man.export(tmp_path / "leg.ply")
+    scan = read_scan(tmp_path / "leg.ply")
+    skin, start = fit_command.fitted(scan, options(tmp_path / "leg.ply", up="y", forward="z"))
+    assert deviation(skin, scan).mean_mm < 0.5
+    assert abs(skin.fit.angles_deg["knee_angle_l"]) < 10.0
+    assert not start.doubt
 
 
 def test_two_legs_are_not_taken_for_one(shared_data, tmp_path):

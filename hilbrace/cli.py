@@ -128,7 +128,6 @@ def _parser(words: list[str]) -> argparse.ArgumentParser:
         from hilbrace.scan.scan_command import add_options
 
         add_options(scan, "".join(words[1:2]))
-
     _add_packages(commands, words[0] if words else "")
     return parser
 

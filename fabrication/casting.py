@@ -11,12 +11,14 @@ from scipy.spatial import KDTree
 
 from fabrication.bodies import body_of
 from fabrication.foreign_brace import Mesh, read_brace
-from fabrication.foreign_limb import cut_tube, guessed_limb, read_limb, span_of, tube_axis
+from fabrication.foreign_limb import cut_tube, read_limb
 from fabrication.foreign_sheet import flat_normal, on_ground, on_limb
+from fabrication.guessed_limb import guessed_limb
 from fabrication.limb import Limb, centreline, with_windows_filled
 from fabrication.mold import Casting
 from fabrication.printers import profile
 from fabrication.sheet import Rim, Sheet, loop_normal, prolonged, rim_of
+from fabrication.sleeve_axis import span_of, tube_axis
 from hilbrace.config import MoldSettings, read_config
 from hilbrace.domain.domain import Domain
 from hilbrace.errors import GeometryError, InputError
@@ -167,7 +169,7 @@ def casting_of(
 
 def axes_of(
     lower: Float[Array, "3"], upper: Float[Array, "3"], way: Float[Array, "3"]
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
     """Directions in which the core goes on below and above.
 
     Where both ends face away from each other they are along one line, in which the core stands.

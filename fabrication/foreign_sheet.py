@@ -15,9 +15,11 @@ from scipy.spatial import ConvexHull, KDTree
 
 from fabrication.draft import neighbour_mean
 from fabrication.foreign_brace import Mesh
-from fabrication.foreign_limb import OPEN_MM, refined, tube_ends
+from fabrication.foreign_limb import tube_ends
+from fabrication.halving import refined
 from fabrication.limb import section
 from fabrication.sheet import Sheet, prolonged, rim_of
+from fabrication.sleeve_axis import OPEN_MM
 from hilbrace.config import MoldSettings
 from hilbrace.errors import GeometryError
 from hilbrace.pattern.offset import area_ratio

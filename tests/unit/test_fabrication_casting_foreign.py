@@ -16,17 +16,18 @@ from fabrication.bodies import body_of, mesh_of
 from fabrication.casting import casting_of_stl
 from fabrication.core import build_core
 from fabrication.foreign_brace import UNITS, Mesh, check_apart, open_edges
-from fabrication.foreign_limb import refined, span_of, tube_axis
 from fabrication.foreign_sheet import flat_normal
+from fabrication.halving import refined
 from fabrication.mold import Casting
 from fabrication.sheet import rim_of
+from fabrication.sleeve_axis import span_of, tube_axis
 from hilbrace.config import MoldSettings
 from hilbrace.errors import GeometryError, InputError
 from hilbrace.pattern.export import stl_bytes
 from hilbrace.pattern.thicken import border_edges
 from tests.unit.mold_cases import bent_tube, flat_coupon
 
-SETTINGS = MoldSettings(resolution_mm=1.2)
+SETTINGS = MoldSettings(resolution_mm=1.4)
 
 
 @cache

@@ -69,7 +69,7 @@ def section(mold: Mold) -> Figure:
     near.spines[:].set_visible(True)
     near.set_title(f"grooves, {mold.casting.thickness_mm:.1f} mm deep", fontsize=10, color=INK)
     corner = (float(place[0] - 1.4 * half), float(place[1] - half))
-    left.add_patch(Rectangle(corner, 2.8 * half, 2 * half, fill=False, ec=INK, lw=1.0))
+    left.add_patch(Rectangle(corner, 2.8 * half, 2 * half, fill=False, ec=INK, lw=1.0, clip_on=False))
     low = figure.add_subplot(grid[1, 1])
     fill(low, mold, across)
     low.set_title("across the axis", fontsize=10, color=INK)

@@ -161,7 +161,7 @@ def _titled_views(skin: FittedSkin) -> list[tuple[str, tuple[float, float]]]:
     sides = skin.fit.limb.sides
     if len(sides) > 1:
         return list(_VIEWS)
-    outer = {"r": "right", "l": "left"}[sides[0]]
+    outer = "right" if sides == ("r",) else "left"
     faces = {"right", "left"}
     return [
         (f"{name} ({'lateral' if name == outer else 'medial'})" if name in faces else name, view)
@@ -173,10 +173,11 @@ def _triangle_colours(skin: FittedSkin, scan: SurfaceScan, found: Deviation) -> 
     """Colour of the mean distance of the scan's points around each triangle; grey where there are none."""
     points, distance = scan.points[found.counted], found.distance_mm[found.counted]
     middles = skin.vertices[skin.triangles].mean(axis=1)
-    gap, near = cKDTree(points).query(middles, k=4)
-    seen = gap[:, 0] < NEAR
+    tree = cKDTree(points)
+    seen = np.asarray(tree.query(middles)[0]) < NEAR
+    near = np.asarray(tree.query(middles[seen], k=4)[1])
     colours = np.full((len(middles), 3), UNSEEN)
-    share = 0.5 + 0.5 * distance[near[seen]].mean(axis=1) / SCALE_MM
+    share = 0.5 + 0.5 * distance[near].mean(axis=1) / SCALE_MM
     colours[seen] = matplotlib.colormaps[_PALETTE](share)[:, :3]
     return colours
 

@@ -90,6 +90,7 @@ def test_a_pair_that_changed_between_poses_is_refused():
         calibrate_pair(shifted, BOARD, CAMERA, PROJECTOR)
 
 
+@pytest.mark.slow
 def test_calibration_from_captures(tmp_path):
     seen = []
     for pose in range(9):

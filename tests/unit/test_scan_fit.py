@@ -105,7 +105,7 @@ def fitted(number: int, foot: bool, marked: bool, tmp_path: Path):
         places = landmarks_of(person, number)
         file.write_text("".join(f"{name} {x} {y} {z}\n" for name, (x, y, z) in places.items()))
     skin, start = fit_command.fitted(scan, options(tmp_path / "x.ply", landmarks=file))
-    thigh = np.linalg.norm(person.posed.joints["hip_l"] - person.posed.joints["knee_l"])
+    thigh = float(np.linalg.norm(person.posed.joints["hip_l"] - person.posed.joints["knee_l"]))
     low = -0.36 if foot else -0.3
     real = person.between(low, 0.6 * thigh)
     gap = 1000 * np.sqrt(igl.point_mesh_squared_distance(real, skin.vertices, skin.triangles)[0])
@@ -149,8 +149,7 @@ def test_strangers_with_and_without_landmarks_foot_or_not(tmp_path):
                 assert gap.mean() <= 0.6, lines[-1]
                 assert np.percentile(gap, 95) <= 1.6, lines[-1]
     told = "\n".join(lines)
-    assert (np.array(off) <= 1.5).mean() >= 0.9, told
-    assert max(off) <= 2.0, told
+    assert max(off) <= 1.5, told
 
 
 def test_the_command_leaves_a_body_that_the_body_stage_takes(tmp_path):
@@ -217,8 +216,9 @@ def test_average_people_of_another_topology(shared_data, tmp_path, name):
     assert figures["knee_region_seen"] > 0.95
 
 
+@pytest.mark.slow
 def test_a_leg_of_the_average_man(shared_data, tmp_path):
-    man = trimesh.load(shared_data / "body_meshes" / "human_man.obj", process=False, force="mesh")
+    man = trimesh.load_mesh(shared_data / "body_meshes" / "human_man.obj", process=False)
     man.update_faces(((man.triangles[:, :, 0] > 0.0) & (man.triangles[:, :, 1] < 0.75)).all(axis=1))
     man.remove_unreferenced_vertices()
     man.export(tmp_path / "leg.ply")

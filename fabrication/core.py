@@ -29,6 +29,9 @@ GUTTER_DEPTH_MM = 6.0
 """How far the gutter's floor lies below the limb."""
 BACK_MM = 12.0
 """Thickness of the core behind the ground of a flat casting."""
+RIM_MM = 1.0
+"""How far the gutter reaches into the upper rim of a foreign brace, whose face is
+rarely square to its axis: no film parts the two."""
 LIFT_MM = 0.4
 """How far what is cut out of a core by a boolean stands out of it, so that no film is left."""
 LEVEL = 0.35
@@ -62,8 +65,10 @@ def build_core(casting: Casting, settings: MoldSettings) -> Core:
     check_apart(Mesh(*mesh_of(land)), "mold core", "limb in the mold", FOLDED_MM2)
     gutter = _gutter(casting, floor, 0.0)
     if casting.covered is None:
-        solid = land - _opened(casting) - _gutter(casting, floor, LIFT_MM)
-        gutter = gutter - casting.brace
+        down = tuple(-RIM_MM * casting.up)
+        ring = _gutter(casting, floor, LIFT_MM)
+        solid = land - _opened(casting) - ring - ring.translate(down)
+        gutter = ((gutter + gutter.translate(down)) ^ land) - casting.brace
         _check_volume(casting, land.volume() - solid.volume() - gutter.volume())
     else:
         solid = _grooved(casting, drafted(casting, settings.draft_deg), floor - casting.vertices)

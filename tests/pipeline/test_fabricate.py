@@ -11,8 +11,12 @@ from pathlib import Path
 import pytest
 import trimesh
 
+from fabrication.bodies import mesh_of
+from fabrication.mold import Casting
 from fabrication.slicer import ask_slicer, slicer_program
+from hilbrace.pattern.export import stl_bytes
 from tests.pipeline.small_run import finish, write_small_run
+from tests.unit.mold_cases import bent_tube, flat_coupon
 
 TINY = {
     "domain": {"triangles": 500, "frames_per_second": 4.0, "above": 0.2, "below": 0.2},
@@ -118,6 +122,29 @@ def test_a_bed_that_nothing_fits_gets_a_named_error_and_leaves_the_mold(run, mad
     assert second.startswith("  mend: ")
     assert "Traceback" not in done.stderr
     assert (run / "mold" / "checks.json").read_bytes() == before
+
+
+def write_brace(folder: Path, casting: Casting) -> None:
+    """A brace and its limb as a person gets them from another program."""
+    (folder / "brace.stl").write_bytes(stl_bytes(*mesh_of(casting.brace)))
+    (folder / "limb.stl").write_bytes(stl_bytes(casting.vertices, casting.triangles))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [(flat_coupon, ()), (bent_tube, ("--limb", "limb.stl"))],
+    ids=["coupon", "sleeve"],
+)
+def test_a_mold_from_files_of_another_program(tmp_path, make, words):
+    write_brace(tmp_path, make())
+    words = tuple(str(tmp_path / word) if word.endswith(".stl") else word for word in words)
+    done = fabricate(str(tmp_path / "brace.stl"), *words, "--set", "mold.resolution_mm=2", "--json")
+    assert done.returncode == 0, done.stderr
+    made = json.loads(done.stdout)
+    assert made["passed"]
+    assert made["metrics"]["cavity_volume_error"] < 2e-3
+    assert {path.name for path in (tmp_path / "brace-mold").iterdir()} == FILES
 
 
 def test_help_shows_an_example():

@@ -21,6 +21,9 @@ from hilbrace.run.records import write_atomic
 
 Array = np.ndarray
 
+STEP_PIXELS = 560
+"""Pixels along the longer side of the steps' pictures, which are shown small."""
+
 AIR = "#2a6f97"
 MOUTH_MM = 24.0
 """From the cavity to the tip of the arrow at the port [mm]."""
@@ -106,8 +109,8 @@ def step_fill(scene: Scene) -> Figure:
     filling, axis = scene.mold.filling, scene.mold.core.axis
     view = view_from(filling.inlet + 1.2 * np.cross(axis, filling.inlet) + 0.45 * axis, axis)
     parts = scene.bodies.values()
-    figure, axes = canvas(view, parts, margin=(0.10, 0.14))
-    paint(axes, view, parts)
+    figure, axes = canvas(view, parts, margin=(0.10, 0.14), pixels=STEP_PIXELS)
+    paint(axes, view, parts, STEP_PIXELS)
     points = np.concatenate([body.vertices for body in parts])
     long = 0.13 * float(np.ptp(points @ axis))
     mouth = filling.port + MOUTH_MM * filling.inlet
@@ -137,8 +140,8 @@ def step_open(scene: Scene) -> Figure:
 
 
 def _drawing(scene: Scene, parts: dict[str, Drawn]) -> Figure:
-    figure, axes = canvas(scene.view, parts.values(), margin=(0.03, 0.03))
-    paint(axes, scene.view, parts.values())
+    figure, axes = canvas(scene.view, parts.values(), margin=(0.03, 0.03), pixels=STEP_PIXELS)
+    paint(axes, scene.view, parts.values(), STEP_PIXELS)
     return figure
 
 

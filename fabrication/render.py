@@ -137,7 +137,7 @@ class _Scene:
             tones = np.broadcast_to(body.colours, (len(body.triangles), 3))[facing]
             parts.append((corners[facing], smooth, tones, np.full(int(facing.sum()), number)))
         places, normals, colours, numbers = (np.concatenate(each) for each in zip(*parts, strict=True))
-        return cls(places, normals, colours, numbers)
+        return cls(places, normals.astype(np.float32), colours.astype(np.float32), numbers)
 
 
 def _corner_normals(points: Array, triangles: Array, flat: Array) -> Array:

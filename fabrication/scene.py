@@ -71,7 +71,11 @@ def oblique(mold: Mold) -> View:
 
 
 def canvas(
-    view: View, bodies: Iterable[Drawn], margin: tuple[float, float], below: float = 0.0
+    view: View,
+    bodies: Iterable[Drawn],
+    margin: tuple[float, float],
+    below: float = 0.0,
+    pixels: int = PIXELS,
 ) -> tuple[Figure, Axes]:
     """A figure as large as the bodies need, with room for words at its sides.
 
@@ -80,13 +84,14 @@ def canvas(
         bodies: What will be drawn.
         margin: Room left and right, below and above, in parts of the drawing.
         below: More room below.
+        pixels: Along the longer side.
     """
     figure = Figure(figsize=(6.0, 6.0))
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     left, right, bottom, top = frame(axes, view, bodies, margin, below)
     width, height = right - left, top - bottom
     longest = max(width, height)
-    figure.set_size_inches(PIXELS / DPI * width / longest, PIXELS / DPI * height / longest)
+    figure.set_size_inches(pixels / DPI * width / longest, pixels / DPI * height / longest)
     return figure, axes
 
 

@@ -29,9 +29,6 @@ GUTTER_DEPTH_MM = 6.0
 """How far the gutter's floor lies below the limb."""
 BACK_MM = 12.0
 """Thickness of the core behind the ground of a flat casting."""
-RIM_MM = 1.0
-"""How far the gutter reaches into the upper rim of a foreign brace, whose face is
-rarely square to its axis: no film parts the two."""
 LIFT_MM = 0.4
 """How far what is cut out of a core by a boolean stands out of it, so that no film is left."""
 LEVEL = 0.35
@@ -44,6 +41,8 @@ CAVITY = 0.01
 """Largest difference of the grooves of a file's brace from its volume; rounded edges come out sharper [-]."""
 FOLDED_MM2 = 1.0
 """Area of the land's faces that may lie in each other: needles of a limb's mesh."""
+LOOKED_AT = 20_000
+"""Faces of the land that are looked at for that."""
 _LEVEL_MM = 1e-3
 EQUAL_MM = 1e-6
 """Triangles are merged where the surface moves by no more than this."""
@@ -62,13 +61,11 @@ def build_core(casting: Casting, settings: MoldSettings) -> Core:
     lower, upper = edge_line(casting, -1), edge_line(casting, 1)
     floor = casting.vertices - _sunk(casting, upper)[:, None] * casting.direction
     land = _closed(casting, casting.outer, casting.triangles, "core without grooves").simplify(EQUAL_MM)
-    check_apart(Mesh(*mesh_of(land)), "mold core", "limb in the mold", FOLDED_MM2)
+    check_apart(Mesh(*mesh_of(land)), "mold core", "limb in the mold", FOLDED_MM2, LOOKED_AT)
     gutter = _gutter(casting, floor, 0.0)
     if casting.covered is None:
-        down = tuple(-RIM_MM * casting.up)
-        ring = _gutter(casting, floor, LIFT_MM)
-        solid = land - _opened(casting) - ring - ring.translate(down)
-        gutter = ((gutter + gutter.translate(down)) ^ land) - casting.brace
+        solid = land - _opened(casting) - _gutter(casting, floor, LIFT_MM)
+        gutter = gutter - casting.brace
         _check_volume(casting, land.volume() - solid.volume() - gutter.volume())
     else:
         solid = _grooved(casting, drafted(casting, settings.draft_deg), floor - casting.vertices)

@@ -317,6 +317,7 @@ def check_flush(brace: Mesh, sheet: Sheet, thickness_mm: float, where: str) -> N
     normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     out = np.einsum("vx,vx->v", brace.vertices - np.asarray(foot), normal)
+    out[sheet.beyond[np.asarray(near)] != 0] = 0.0
     if out.max() > FLUSH * thickness_mm:
         place = ", ".join(f"{x:.0f}" for x in brace.vertices[np.argmax(out)])
         raise GeometryError(

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull
 
-from fabrication.foreign_brace import Mesh
+from fabrication.foreign_brace import Mesh, parts_of
 from fabrication.halving import refined
 from hilbrace.errors import GeometryError
 
@@ -22,6 +22,7 @@ OPEN_MM = 0.02
 _RIM_MM = 15.0
 _BIN_MM = 4.0
 _CREST_MM = 3.0
+_UPWARD = 0.6
 _NOTCH = 3
 _FEW = 8000
 _FINENESS = 30
@@ -119,8 +120,8 @@ class Span:
 def span_of(brace: Mesh, up: Float[Array, "3"]) -> Span:
     """Where a sleeve begins and ends.
 
-    The upper edge is that of the outer face or that of the inner one, whichever is lower: there the gutter
-    opens onto the whole rim, also onto one that waves or leans. Notches in the rim are passed over.
+    The upper edge is the lower one of the two around the rim's top, at the inner or the outer face: there the
+    gutter opens onto the whole rim, also onto one that waves or leans. Notches in the rim are passed over.
 
     Args:
         brace: The sleeve [mm].
@@ -131,18 +132,24 @@ def span_of(brace: Mesh, up: Float[Array, "3"]) -> Span:
     axes = np.stack([first, np.cross(up, first), up])
     centre = surface_centre(brace)
     local = (brace.vertices - centre) @ axes.T
-    near = local[brace.triangles][..., 2].max(axis=1) > local[:, 2].max() - _RIM_MM
+    corners = local[brace.triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    upward = normal[:, 2] > _UPWARD * np.linalg.norm(normal, axis=1)
+    near = upward & (corners[..., 2].max(axis=1) > local[:, 2].max() - _RIM_MM)
     used, triangles = np.unique(brace.triangles[near], return_inverse=True)
-    rim, _, _ = refined(local[used], local[used], triangles.reshape(-1, 3), _BIN_MM / 2)
-    radius = np.linalg.norm(rim[:, :2], axis=1)
-    count = int(np.ceil(2 * np.pi * np.median(radius) / _BIN_MM))
+    rim, _, triangles = refined(local[used], local[used], triangles.reshape(-1, 3), _BIN_MM / 2)
+    count = int(np.ceil(2 * np.pi * np.median(np.linalg.norm(rim[:, :2], axis=1)) / _BIN_MM))
     place = np.floor(np.arctan2(rim[:, 1], rim[:, 0]) / (2 * np.pi) * count + 0.5).astype(int) % count
     crest = _most(place, rim[:, 2], count)
-    tops = rim[:, 2] > crest[place] - _CREST_MM
-    middle = (_most(place[tops], radius[tops], count) - _most(place[tops], -radius[tops], count)) / 2
-    inside = radius < middle[place]
-    both = [_most(place[side], rim[side, 2], count) for side in (inside, ~inside)]
-    lower = np.minimum(*both)
+    # of all faces that look up only those of the rim itself, not the windows' lower edges
+    tops = np.zeros(len(rim), dtype=bool)
+    for part in parts_of(triangles):
+        own = np.unique(triangles[part])
+        tops[own] = np.median(crest[place[own]] - rim[own, 2]) < _CREST_MM / 2
+    tops &= rim[:, 2] > crest[place] - _CREST_MM
+    lower = -_most(place[tops], -rim[tops, 2], count)
+    known = np.flatnonzero(np.isfinite(lower))
+    lower = np.interp(np.arange(count), known, lower[known], period=count)
     around = np.stack([np.roll(lower, k) for k in range(-_NOTCH, _NOTCH + 1)]).max(axis=0)
     high = np.where(lower > around - _CREST_MM, lower, around)
     return Span(centre, axes, float(local[:, 2].min()), high - OPEN_MM)

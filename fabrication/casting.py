@@ -127,8 +127,9 @@ def casting_of(
         settings: Shrinkage, foot and gutter.
 
     Raises:
-        GeometryError: The limb cannot be prolonged.
+        GeometryError: The brace is thinner than the printer can print gaps, or the limb cannot be prolonged.
     """
+    _check_width(pattern, solid, settings)
     joint, letter = domain.joint.split("_")
     brace = body_of(solid.vertices, solid.triangles, "solid")
     centre = centre_of(solid.vertices, solid.triangles)
@@ -211,6 +212,19 @@ def _check(folder: Path, pattern: Pattern, solid: Solid) -> None:
             f"{'closed' if solid.watertight else 'open'}",
             where=str(folder / "solid"),
             hint="change pattern.resolution_mm a little and run the stages pattern and solid again",
+        )
+
+
+def _check_width(pattern: Pattern, solid: Solid, settings: MoldSettings) -> None:
+    """Refuse struts that the mold's printer would close."""
+    printer = profile(settings)
+    thinnest = min(pattern.strut_width_min_mm, solid.thickness_min_mm)
+    if thinnest < printer.min_wall_mm:
+        raise GeometryError(
+            f"the brace is only {thinnest:.2f} mm thick somewhere, and {printer.title} prints no wall or gap "
+            f"below {printer.min_wall_mm:g} mm",
+            where="mold.printer",
+            hint="raise pattern.min_strut_mm, or print the mold in resin",
         )
 
 

@@ -145,6 +145,14 @@ def test_a_run_folder_is_read(tmp_path):
         casting_of_run(tmp_path, SETTINGS)
 
 
+def test_struts_finer_than_the_printer_are_refused():
+    domain, pattern, solid = records()
+    fine = replace(pattern, strut_width_min_mm=0.6)
+    with pytest.raises(GeometryError, match=r"only 0\.60 mm thick somewhere, and Prusa MK4"):
+        casting_of("x", domain, fine, solid, SETTINGS)
+    casting_of("x", domain, fine, solid, MoldSettings(printer="formlabs_form3"))
+
+
 def test_struts_of_another_domain_are_refused():
     domain, pattern, solid = records()
     with pytest.raises(GeometryError, match="do not lie on the domain"):
